@@ -14,13 +14,13 @@ import numpy as np
 from numba.extending import register_jitable
 
 from dolfinx_joints.laws.points.compiled_law import CompiledLaw, ElasticContact
-from dolfinx_joints.laws.points.return_mapping import Start, put_nothing, response_of
+from dolfinx_joints.laws.points.return_mapping import Start, put_zeros, response_of
 
 
 @register_jitable
 def weakening_point(i, start, answer):
     """Write the answer of the point i at the gap answer.gap[i]."""
-    put_nothing(i, answer)
+    put_zeros(i, answer)
     k_n, k_s, mu_s, mu_r, distance = start.parameters
     gap, before, old = answer.gap[i], start.gap[i], start.history[i]
     traction, tangent, new = answer.traction[i], answer.tangent[i], answer.history[i]

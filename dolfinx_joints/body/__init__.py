@@ -2,5 +2,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The discretised bulk: space, forms of K and M, plastic cells, supports and damping.
 
-It does not contain loads.
+Loads are not part of this subpackage.
 """

@@ -21,7 +21,7 @@ Frequency = Annotated[float, at.Gt(0), at.Unit("Hz")]
 @dataclass(frozen=True, kw_only=True)
 @checked
 class Rayleigh:
-    """Rayleigh damping C = a M + b K, K being the bulk stiffness without joints.
+    """Rayleigh damping C = a M + b K with the bulk stiffness K without joints.
 
     The damping ratio of a mode of circular frequency omega is a/(2 omega) + b omega/2.
 
@@ -45,11 +45,11 @@ class Rayleigh:
 class ModalRatios:
     """Damping ratios of the lowest modes with closed joints: C = M Phi diag(c) Phi^T M, (34a).
 
-    Wilson and Penzien (1972). Higher modes have the damping of ``beyond`` only. In the lowest modes
-    the ratio includes this damping. Absorbing boundaries add to it.
+    Method of Wilson and Penzien (1972). Higher modes have only the damping ``beyond``. In the
+    lowest modes the ratio includes ``beyond``. Absorbing boundaries add further damping.
 
     Attributes:
-        ratio: One damping ratio for all these modes, or one per mode, lowest first.
+        ratio: One damping ratio for the lowest modes, or one per mode, lowest first.
         modes: Number of modes.
         beyond: Rayleigh damping of the whole body.
     """
@@ -120,7 +120,7 @@ def rayleigh(
         share = min(frequencies) / max(frequencies)
         raise ValueError(
             f"ratio is {first, second} at {frequencies} Hz, which requires a negative factor of "
-            f"{'K' if b < 0 else 'M'}; the second ratio over the first must be between {share:.4g} "
+            f"{'K' if b < 0 else 'M'}; second / first ratio must be between {share:.4g} "
             f"and {1.0 / share:.4g} for these frequencies."
         )
     return Rayleigh(mass_factor=max(a, 0.0), stiffness_factor=max(b, 0.0))

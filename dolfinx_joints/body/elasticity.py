@@ -20,7 +20,7 @@ from dolfinx_joints.materials.orthotropic import Orthotropic
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-# Strain components xx, yy, xy of a 2-D body among xx, yy, zz, yz, xz, xy.
+# Positions of the 2-D strain components xx, yy, xy in xx, yy, zz, yz, xz, xy.
 IN_PLANE = (0, 1, 5)
 
 # Stress components in the order of VTK.
@@ -38,13 +38,13 @@ class ElasticBody:
     K: (lambda tr(eps(u)) I + 2 mu eps(u)) : eps(v) dx,   M: rho u . v dx
 
     The stress is C eps(u) if a material is orthotropic. Only the elastic part of plastic materials
-    is used. In 2-D ``plane`` is ``strain`` or ``stress``, of unit thickness; in 3-D it is ignored.
+    is used. In 2-D ``plane`` is ``strain`` or ``stress``, with unit thickness; 3-D ignores it.
 
     Attributes:
         density: rho [kg/m^3].
         first_lame: lambda [Pa], NaN in orthotropic cells.
         shear_modulus: mu [Pa], NaN in orthotropic cells.
-        strained_axes: Number of strains that a clamped body blocks: 2 in plane stress, else 3.
+        strained_axes: Number of blocked normal strains of a clamped body: 2 in plane stress or 3.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class ElasticBody:
                 fem.Constant(mesh, value) for value in values[""]
             )
             if is_orthotropic:
-                self._matrix = fem.Constant(mesh, _reduced(elastic[""], gdim, plane))
+                self._matrix = fem.Constant(mesh, _stiffness(elastic[""], gdim, plane))
             return
         if not material:
             raise ValueError("material is an empty mapping; give one material per cell group.")
@@ -99,10 +99,10 @@ class ElasticBody:
             blocks = self._matrix.x.array.reshape(-1, *shape)
             for group, item in elastic.items():
                 cells = self._matrix.function_space.dofmap.list[jointed.cells(group), 0]
-                blocks[cells] = _reduced(item, gdim, plane)
+                blocks[cells] = _stiffness(item, gdim, plane)
 
     def stress(self, u: Any) -> Any:
-        """Return the Cauchy stress (UFL), [Pa]; in plastic cells that of their elastic part."""
+        """Return the Cauchy stress (UFL), [Pa], with the elastic part of plastic materials."""
         eps = strain(u)
         if self._matrix is not None:
             return _tensor(self._matrix * strain_vector(u), len(u))
@@ -112,7 +112,7 @@ class ElasticBody:
     def stress_vector(self, u: Any) -> Any:
         """Return the stress (xx, yy, zz, xy, yz, xz) of a displacement (UFL), [Pa].
 
-        In plane strain it includes zz.
+        In plane strain the result includes zz.
         """
         stress, zero = self.stress(u), ufl.as_ufl(0.0)
         if len(u) == 3:
@@ -125,13 +125,13 @@ class ElasticBody:
     def blocked_stress(self, strain: Any) -> Any:
         """Return the pressure due to a blocked isotropic strain, for example a thermal one (UFL).
 
-        It is (3 lambda + 2 mu) times the strain, in plane stress (2 lambda + 2 mu), [Pa], and NaN
-        in orthotropic cells, whose stress is not isotropic.
+        The pressure [Pa] is (3 lambda + 2 mu) times the strain, in plane stress (2 lambda + 2 mu).
+        It is NaN in orthotropic cells, whose stress is not isotropic.
         """
         return (self.strained_axes * self.first_lame + 2.0 * self.shear_modulus) * strain
 
     def stiffness_form(self, u: Any, v: Any) -> Any:
-        """Return the bilinear form of K; plastic cells use the points of their law."""
+        """Return the bilinear form of K; plastic cells use the quadrature points of their law."""
         density = ufl.inner(self.stress(u), strain(v))
         if not any(self._plastic.values()):
             return density * ufl.dx
@@ -150,17 +150,17 @@ class ElasticBody:
 
 
 def law_degree(shape: CellShape, degree: int) -> int:
-    """Return the degree of the quadrature rule at whose points plastic laws are evaluated.
+    """Return the degree of the quadrature rule for plastic laws.
 
-    It is the lowest that integrates the stiffness of straight cells exactly: ``degree`` + 1 points
-    per axis of quadrilaterals and hexahedra, ``degree`` being that of the displacement.
+    It is the lowest degree that integrates the stiffness of straight cells exactly; quadrilaterals
+    and hexahedra have ``degree`` + 1 points per axis for a displacement of this degree.
     """
     simplex = shape.type in (basix.CellType.triangle, basix.CellType.tetrahedron)
     return 2 * (degree - 1) if simplex else 2 * degree + 1
 
 
 def strain_vector(u: Any) -> Any:
-    """Return the strain (xx, yy, zz, 2 yz, 2 xz, 2 xy) (UFL), in 2-D (xx, yy, 2 xy)."""
+    """Return the strain (UFL): (xx, yy, zz, 2 yz, 2 xz, 2 xy), in 2-D (xx, yy, 2 xy)."""
     eps = strain(u)
     if len(u) == 2:
         return ufl.as_vector([eps[0, 0], eps[1, 1], 2.0 * eps[0, 1]])
@@ -169,7 +169,7 @@ def strain_vector(u: Any) -> Any:
 
 
 def _tensor(stress: Any, dimension: int) -> Any:
-    """Return a stress in the order of `strain_vector` as a tensor (UFL)."""
+    """Return the tensor (UFL) of a stress vector in the order of `strain_vector`."""
     if dimension == 2:
         return ufl.as_tensor([[stress[0], stress[2]], [stress[2], stress[1]]])
     xx, yy, zz, yz, xz, xy = (stress[i] for i in range(6))
@@ -183,8 +183,8 @@ def _parameters(solid: Elastic | Orthotropic, plane: str) -> tuple[float, float,
     return float("nan"), float("nan"), float(solid.density)
 
 
-def _reduced(solid: Elastic | Orthotropic, dimension: int, plane: str) -> NDArray[np.float64]:
-    """Return the stiffness in the order of `strain_vector`; in 2-D the last row is that of zz."""
+def _stiffness(solid: Elastic | Orthotropic, dimension: int, plane: str) -> NDArray[np.float64]:
+    """Return the stiffness in the order of `strain_vector`; in 2-D the last row gives zz."""
     matrix = solid.stiffness_matrix()
     if dimension == 3:
         return matrix

@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Fast products with the symmetric M and K of a 3-D body, whose upper halves are stored.
+"""Fast products with the symmetric M and K of a 3-D body, of which the upper halves are stored.
 
-One pass over the matrices computes both products. Their time is that of reading memory: 84 bytes
-for two blocks of K and M, against 224 with PETSc. Reading less also keeps the factor in the
-processor's cache. Blocks between nodes of two ranks are stored on both ranks.
+One pass over the matrices computes both products. Memory access limits their speed: 84 bytes are
+read for two blocks of K and M, compared with 224 in PETSc. Reading less also keeps the factor in
+the processor's cache. Blocks between nodes of two ranks are stored on both ranks.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from dolfinx_joints.mesh.cells import Floats, Ints
 Indices = NDArray[np.uint32]
 
 # Bound of the rounding error of an assembled entry, relative to the diagonal of its nodes (symmetry
-# of M: to the largest entry). An entry is a sum over up to some hundred cells, in an order that
+# of M: to the largest entry). An entry is a sum of up to some hundred terms, in an order that
 # depends on processor and ranks. Each term has an error of 1.1e-16, the sum at most about 1e-14. A
-# real difference of 1e-13 changes a product by no more than rounding error.
+# real asymmetry of 1e-13 changes a product by no more than rounding error.
 ROUNDING = 1e-13
 
-# Entries of K above which the products are a small part of a step and a copy needs much memory.
+# With more entries of K, products are a small part of a step and the copy needs much memory.
 MOST_ENTRIES = 10_000_000
 
 
@@ -39,9 +39,8 @@ class Halves:
         starts: First block of each node of this rank, and the number of blocks, (nodes + 1,).
         columns: Node that each block multiplies, diagonal block first, shape (blocks,).
         blocks: Nine entries of K and the diagonal entry of M, shape (blocks, 10).
-        others: Blocks with nodes of other ranks; None on one rank.
-        remainder: Part of M that is not isotropic per node, such as added masses on inclined faces,
-            or None.
+        others: Blocks between nodes of this rank and other ranks; None on one rank.
+        remainder: Anisotropic blocks of M, such as added masses on inclined faces, or None.
     """
 
     def __init__(
@@ -59,8 +58,8 @@ class Halves:
     def of(cls, mass: PETSc.Mat, stiffness: PETSc.Mat) -> Self | None:
         """Return the halves of two matrices (collective).
 
-        Return None, for products by PETSc, in 2-D, above `MOST_ENTRIES` and if K or M is not
-        symmetric.
+        Return None in 2-D, above `MOST_ENTRIES`, and if K or M is not symmetric; PETSc then
+        computes the products.
         """
         comm = stiffness.comm.tompi4py()
         entries = stiffness.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
@@ -99,10 +98,10 @@ class Halves:
         mass.set(0.0)
         stiffness.set(0.0)
         arrays = (x.getArray(readonly=True), mass.getArray(), stiffness.getArray())
-        own, mass_x, stiffness_x = (values.reshape(-1, 3) for values in arrays)
+        x_nodes, mass_x, stiffness_x = (values.reshape(-1, 3) for values in arrays)
         if self._others is not None:
             self._others.begin(x)
-        _multiply(*self._arrays, own, mass_x, stiffness_x)
+        _multiply(*self._arrays, x_nodes, mass_x, stiffness_x)
         if self._others is not None:
             self._others.add(x, mass_x, stiffness_x)
         if self._remainder is not None:
@@ -113,7 +112,7 @@ class Others:
     """Blocks between nodes of this rank and of other ranks, as in `Halves`.
 
     ``rows`` are local nodes, ascending, and ``columns`` global nodes, both of shape (blocks,).
-    ``nodes`` is the number of nodes of this rank, ``like`` a vector with the layout of the values.
+    ``nodes`` is the number of nodes of this rank, ``like`` a vector with the layout of x.
     """
 
     def __init__(
@@ -145,7 +144,7 @@ class Others:
 def _is_isotropic(blocks: Any, places: Ints, nodes: int, first: int) -> NDArray[np.bool_]:
     """Return True for blocks of M that are a multiple of the identity to rounding, (blocks,).
 
-    ``first`` is the first of the ``nodes`` nodes of the rank; ``places`` is from `_places`.
+    ``first`` is the first of the ``nodes`` nodes of the rank; `_places` returns ``places``.
     """
     rows, columns = np.divmod(places, blocks.shape[1] // 3)
     diagonal, sizes = columns - first == rows, np.abs(blocks.data).max(axis=(1, 2))
@@ -168,8 +167,8 @@ def _is_symmetric(rows: Ints, columns: Ints, blocks: Floats, nodes: int, largest
     if not np.all(exists) or np.count_nonzero(rows == columns) < nodes:
         return False
     error = np.abs(blocks[transposed][:, flipped] - blocks)
-    own = np.sqrt(np.abs(blocks[rows == columns, :9]).max(axis=1))
-    if np.any(error[:, :9].max(axis=1) > ROUNDING * own[rows] * own[columns]):
+    size = np.sqrt(np.abs(blocks[rows == columns, :9]).max(axis=1))
+    if np.any(error[:, :9].max(axis=1) > ROUNDING * size[rows] * size[columns]):
         return False
     return bool(error[:, 9].max(initial=0.0) <= ROUNDING * largest)
 
@@ -186,7 +185,7 @@ def _by_nodes(matrix: PETSc.Mat) -> Any:
 
 
 def _places(blocks: Any) -> Ints:
-    """Return row times number of columns plus column of each block, ascending."""
+    """Return the ascending keys of the blocks: row times number of columns, plus column."""
     rows = np.repeat(np.arange(len(blocks.indptr) - 1), np.diff(blocks.indptr))
     return rows * (blocks.shape[1] // 3) + blocks.indices
 
@@ -240,7 +239,7 @@ def _multiply(
 def _multiply_others(
     starts: Indices, columns: Indices, blocks: Floats, x: Floats, mass: Floats, stiffness: Floats
 ) -> None:
-    """Add M x and K x of blocks that do not act transposed; x are values at the columns."""
+    """Add M x and K x of blocks that do not act transposed; x has the values at the columns."""
     for i in range(len(starts) - 1):
         for at in range(starts[i], starts[i + 1]):
             k, j = blocks[at], columns[at]

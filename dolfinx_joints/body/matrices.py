@@ -17,14 +17,14 @@ def blocked(matrix: PETSc.Mat) -> PETSc.Mat:
     """Convert a matrix to blocks per node, which makes products in time steps faster.
 
     The whole matrix is stored even if it is symmetric. PETSc's symmetric format reads beyond its
-    arrays if the last rows are empty, as for dashpots on a boundary, and would hide an unsymmetric
-    K.
+    arrays if the last rows are empty, as for dashpots on a boundary. It would also hide an
+    unsymmetric K.
     """
     return matrix.convert("baij")
 
 
 def on_lasting_comm(assembled: PETSc.Mat, components: int) -> PETSc.Mat:
-    """Move a matrix to a communicator that outlives the mesh, which frees its own (collective).
+    """Move a matrix to a communicator that exists longer than the mesh communicator (collective).
 
     ``components`` is the number of dofs per node.
     """
@@ -55,7 +55,7 @@ def rigid_modes(matrix: PETSc.Mat, nodes: NDArray[np.float64]) -> PETSc.NullSpac
 
 
 def without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:
-    """Remove zeros off the diagonal: two thirds of M, which does not couple components."""
+    """Remove off-diagonal zeros: two thirds of M, because M does not couple components."""
     starts, columns, values = matrix.getValuesCSR()
     rows = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     stays = (values != 0.0) | (columns == rows + matrix.getOwnershipRange()[0])

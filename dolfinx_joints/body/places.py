@@ -16,7 +16,7 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.mesh.cells import Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-# Distance, relative to the extent of the mesh, below which nodes are at the same place.
+# Nodes coincide if their distance divided by the extent of the mesh is below this value.
 SAME_PLACE = 1e-9
 
 
@@ -34,14 +34,14 @@ def nodes_of_group(jointed: JointedMesh, V: FunctionSpace, group: str) -> Ints:
     marks = la.vector(V.dofmap.index_map)
     marks.array[:] = 0.0
     marks.array[V.dofmap.list[jointed.cells(group)].ravel()] = 1.0
-    marks.scatter_reverse(la.InsertMode.add)  # all cells of a node may be on other ranks
+    marks.scatter_reverse(la.InsertMode.add)  # other ranks may have the cells of an owned node
     return np.flatnonzero(marks.array[: V.dofmap.index_map.size_local])
 
 
 def nearest_nodes(
     jointed: JointedMesh, V: FunctionSpace, point: Sequence[float], group: str | None = None
 ) -> tuple[float, Ints]:
-    """Return the distance [m] of the nodes nearest to a point, and the owned ones (collective).
+    """Return the nodes nearest to a point: distance [m] and owned nearest nodes (collective).
 
     The point has as many coordinates as the mesh, or three, [m]. On a joint several nodes may be
     nearest. If ``group`` is given, only nodes of this group or joint side are considered.
@@ -56,8 +56,8 @@ def nearest_nodes(
     target = np.zeros(3)
     target[: len(point)] = point
     distance = np.linalg.norm(x[candidates] - target, axis=1)
-    least = min(jointed.mesh.comm.allgather(float(distance.min(initial=np.inf))))
-    return least, candidates[distance <= least + SAME_PLACE * extent(V)]
+    smallest = min(jointed.mesh.comm.allgather(float(distance.min(initial=np.inf))))
+    return smallest, candidates[distance <= smallest + SAME_PLACE * extent(V)]
 
 
 def extent(V: FunctionSpace) -> float:
@@ -84,8 +84,8 @@ def cell_size(V: FunctionSpace, nodes: NDArray[np.int64]) -> float:
 
 
 def sides_at(jointed: JointedMesh, V: FunctionSpace, node: int | None) -> tuple[str, ...]:
-    """Return the joint sides that contain a node; pass it on its owner, else None (collective)."""
+    """Return the joint sides that contain a node; pass None on ranks not owning it (collective)."""
     sides = [f"{name}{sign}" for name in jointed.joint_names for sign in "-+"]
     nodes = {side: nodes_of_facets(jointed, V, side) for side in sides}
-    mine = [side for side in sides if node is not None and node in nodes[side]]
-    return tuple(name for names in jointed.mesh.comm.allgather(mine) for name in names)
+    local_sides = [side for side in sides if node is not None and node in nodes[side]]
+    return tuple(name for names in jointed.mesh.comm.allgather(local_sides) for name in names)

@@ -40,9 +40,9 @@ class PlasticResponse(Response):
     """Response of the joints (zero points without joints) and of the plastic cells.
 
     Attributes:
-        state: State to keep if the step is accepted.
+        state: New state, which becomes the committed state if the step is accepted.
         bulk: Response of the plastic cells.
-        softening: Tangent of the plastic cells minus the elastic one, shape (n, 6, 6), [Pa].
+        softening: Tangent of the plastic cells minus elastic tangent, shape (n, 6, 6), [Pa].
     """
 
     state: PlasticState
@@ -53,8 +53,8 @@ class PlasticResponse(Response):
 class PlasticBulk:
     """Internal forces of the cells with plastic materials and of the joints.
 
-    ``laws`` are given by cell group; the empty name stands for all cells. ``kinds`` are their class
-    names.
+    ``laws`` are given by cell group; the empty name means all cells. ``kinds`` are the class names
+    of the laws.
     """
 
     def __init__(
@@ -96,13 +96,13 @@ class PlasticBulk:
     def trial(self, u: PETSc.Vec, state: PlasticState) -> PlasticResponse:
         """Return the response at the end of a step from ``state`` to ``u`` (collective)."""
         joints = self._joints.trial(u, state) if self._joints else _no_joints()
-        return self._combined(joints, BACKWARD_EULER, self.operator.strain(u), state.bulk)
+        return self._combine(joints, BACKWARD_EULER, self.operator.strain(u), state.bulk)
 
     def respond(self, change: PETSc.Vec, state: PlasticState, rule: Rule) -> PlasticResponse:
         """Return the response to a displacement change [m] since ``state`` (collective)."""
         joints = self._joints.respond(change, state, rule) if self._joints else _no_joints()
         strain = state.bulk.strain + self.operator.strain(change)
-        return self._combined(joints, rule, strain, state.bulk)
+        return self._combine(joints, rule, strain, state.bulk)
 
     def _evaluate(self, rule: Rule, strain: Floats, state: BulkState) -> BulkResponse:
         """Return the response of the material laws at the local points (collective)."""
@@ -119,13 +119,13 @@ class PlasticBulk:
                     getattr(answer.state, name)[points] = getattr(part.state, name)
         return answer
 
-    def _combined(
+    def _combine(
         self, joints: Response, rule: Rule, strain: Floats, before: BulkState
     ) -> PlasticResponse:
-        """Return the response of the joints combined with that of the bulk."""
+        """Return the combined response of joints and bulk."""
         bulk = self._evaluate(rule, strain, before)
         fields = vars(joints) | {"state": PlasticState(**vars(joints.state), bulk=bulk.state)}
-        # The rule over a whole step uses the mean strain, so its tangent is half the elastic one.
+        # The rule over a whole step uses the mean strain, so its elastic tangent is half of C.
         softening = bulk.tangent - rule.weight * self._elastic
         return PlasticResponse(**fields, bulk=bulk, softening=softening)
 
@@ -151,7 +151,7 @@ class PlasticBulk:
     def elastic_correction(self, state: Any) -> float:
         """Return the change of the elastic energy u.K u / 2 by plastic strains [J] (collective).
 
-        It is the integral of (eps - eps_p).C (eps - eps_p) / 2 - eps.C eps / 2.
+        The change is the integral of (eps - eps_p).C (eps - eps_p) / 2 - eps.C eps / 2.
         """
         plastic = state.bulk.plastic_strain
         both = 0.5 * plastic - state.bulk.strain
@@ -167,7 +167,7 @@ class PlasticBulk:
         return int(self.operator.comm.allreduce(yielding))
 
     def tangent(self, response: PlasticResponse, part: float = 0.0) -> Floats:
-        """Return the tangents of joints and bulk (minus the elastic one) in one array [SI].
+        """Return the tangents of joints and bulk (minus elastic tangent) in one array [SI].
 
         ``part`` times the stiffness of closed joints and of the elastic body is added.
         """
@@ -186,7 +186,7 @@ class PlasticBulk:
         return None if self._joints is None else self._joints.counts(response)
 
     def rounding(self, response: PlasticResponse, change: float) -> float:
-        """Return the rounding error of the joint forces, over eps [N] (collective)."""
+        """Return the rounding error of the joint forces, divided by eps [N] (collective)."""
         return 0.0 if self._joints is None else self._joints.rounding(response, change)
 
     def failure(self, response: PlasticResponse, state: PlasticState) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Strain operator of some cells: strain = P u, force = P^T (w stress), tangent = P^T (w D) P.
+"""Strain operator of given cells: strain = P u, force = P^T (w stress), tangent = P^T (w D) P.
 
-It corresponds to the gap operator of joints; plasticity is in the material laws.
+The operator corresponds to the gap operator of joints; the material laws contain the plasticity.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 # Number of strain components in 3-D.
 SIZE = 6
 
-_CHUNK = 512  # cells evaluated at a time
+_CHUNK = 512  # number of cells evaluated together
 
 
 class StrainOperator:
     """Matrix P and the volume of each point: strain = P u, force = P^T (w stress).
 
-    Strains are (xx, yy, zz, 2 yz, 2 xz, 2 xy); in 2-D those out of the plane are zero. Each rank
-    has the points of its owned ``cells``. The columns of ``matrix`` are the dofs of V.
+    Strains are (xx, yy, zz, 2 yz, 2 xz, 2 xy); in 2-D out-of-plane strains are zero. Each rank has
+    the points of its owned ``cells``. The columns of ``matrix`` are the dofs of V.
 
     Attributes:
         matrix: P, shape (6 num_points, num_dofs).
@@ -43,22 +43,22 @@ class StrainOperator:
         """Evaluate the gradients of the basis functions (collective)."""
         mesh = jointed.mesh
         owned = mesh.topology.index_map(mesh.topology.dim).size_local
-        own = np.unique(cells[cells < owned]).astype(np.int32)
+        local = np.unique(cells[cells < owned]).astype(np.int32)
         rule = law_degree(jointed.shape, V.ufl_element().degree)
-        places, weights = basix.make_quadrature(jointed.shape.type, rule)
+        points, weights = basix.make_quadrature(jointed.shape.type, rule)
         self.comm = lasting(mesh.comm)
-        self.cells: Ints = np.repeat(own, len(weights)).astype(np.int64)
-        scale = fem.Expression(abs(ufl.JacobianDeterminant(mesh)), places, comm=mesh.comm)
-        self.volumes = np.asarray(scale.eval(mesh, own)).ravel() * np.tile(weights, len(own))
-        self.matrix = self._assemble(V, own, places, matrix)
+        self.cells: Ints = np.repeat(local, len(weights)).astype(np.int64)
+        scale = fem.Expression(abs(ufl.JacobianDeterminant(mesh)), points, comm=mesh.comm)
+        self.volumes = np.asarray(scale.eval(mesh, local)).ravel() * np.tile(weights, len(local))
+        self.matrix = self._assemble(V, local, points, matrix)
         self._work = self.matrix.createVecLeft()
 
-    def _assemble(self, V: Any, cells: NDArray[Any], places: Floats, like: PETSc.Mat) -> PETSc.Mat:
-        """Assemble P; the rows are those of the points of this rank."""
+    def _assemble(self, V: Any, cells: NDArray[Any], points: Floats, like: PETSc.Mat) -> PETSc.Mat:
+        """Assemble P with the rows of this rank's points."""
         gdim = V.mesh.geometry.dim
         components = np.arange(SIZE) if gdim == 3 else np.array(IN_PLANE)
         expression = strain_vector(ufl.TrialFunction(V))
-        evaluate = fem.Expression(expression, places, comm=V.mesh.comm)
+        evaluate = fem.Expression(expression, points, comm=V.mesh.comm)
         dofmap = V.dofmap
         entries = dofmap.list.shape[1] * gdim
         matrix = PETSc.Mat().createAIJ(
@@ -70,11 +70,11 @@ class StrainOperator:
         for start in range(0, len(cells), _CHUNK):
             chunk = cells[start : start + _CHUNK]
             values = np.asarray(evaluate.eval(V.mesh, chunk))
-            values = values.reshape(len(chunk) * len(places) * len(components), entries)
+            values = values.reshape(len(chunk) * len(points) * len(components), entries)
             blocks = dofmap.index_map.local_to_global(dofmap.list[chunk].ravel())
             columns = (gdim * blocks[:, None] + np.arange(gdim)).reshape(len(chunk), entries)
-            columns = np.repeat(columns, len(places) * len(components), axis=0)
-            point = start * len(places) + np.arange(len(chunk) * len(places))
+            columns = np.repeat(columns, len(points) * len(components), axis=0)
+            point = start * len(points) + np.arange(len(chunk) * len(points))
             rows = (first + SIZE * point[:, None] + components).ravel()
             matrix.setValuesIJV(
                 np.arange(0, columns.size + 1, entries, dtype=PETSc.IntType),
@@ -109,8 +109,8 @@ class StrainOperator:
 class StrainTangent:
     """Assembler of P^T (w D) P for point tangents D; reuses the sparsity pattern.
 
-    ``unconstrained`` is 1 for unconstrained dofs and 0 for others, whose rows and columns are zero.
-    ``num_points`` is the number of points of this rank.
+    ``unconstrained`` is 1 for unconstrained and 0 for constrained dofs; rows and columns of the
+    latter are zero. ``num_points`` is the number of points of this rank.
     """
 
     def __init__(self, operator: StrainOperator, unconstrained: PETSc.Vec) -> None:

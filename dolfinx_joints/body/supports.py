@@ -31,14 +31,14 @@ _BY_POSITION = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
 # Largest distance between the point of a support and its node, relative to the mesh extent.
 NO_NODE = 1e-6
 
-# Difference of prescribed values, relative to the largest, below which it is rounding error.
+# Smaller differences of prescribed values, relative to the largest value, are rounding error.
 SAME_VALUE = 1e-9
 
 Stiffness = Annotated[float, at.Ge(0), at.Unit("Pa/m")]
 
 
 def components_of(components: str, gdim: int) -> list[int]:
-    """Return the axis numbers of letters such as ``xz``, each of which may occur once."""
+    """Return the axis numbers of letters such as ``xz``; each letter may occur once."""
     axes = ["xyz"[:gdim].find(letter) for letter in components]
     if -1 in axes or not axes or len(set(axes)) < len(axes):
         raise ValueError(
@@ -53,8 +53,8 @@ class Fixed:
     """Displacement components fixed at zero on a facet group, or at a point.
 
     Attributes:
-        group: Name of the facet group. For a point on a joint: name of the joint side, or of a cell
-            or facet group that contains the node.
+        group: Name of the facet group. For a point on a joint: name of a joint side, cell group or
+            facet group that contains the node.
         components: Letters of the fixed axes (default: all axes).
         point: Coordinates of a node that is fixed instead of the whole group [m].
 
@@ -89,11 +89,11 @@ class Fixed:
 class Prescribed:
     """Displacement component prescribed as a function of time on a facet group, or at a point.
 
-    Two of them may share nodes and the component if their values are equal there. Otherwise the
-    evaluation of the values raises a ValueError.
+    Two Prescribed supports may share nodes and component if their values are equal there. Otherwise
+    the evaluation of the values raises a ValueError.
 
     Attributes:
-        group: Name of the facet group, or for a point as in `Fixed`.
+        group: Name of the facet group; for a point see `Fixed`.
         component: ``x``, ``y`` or ``z``.
         value: Displacement [m] as a function ``value(t)`` of time [s], or ``value(x, t)`` of nodes
             (n, 3), [m], and time, which returns shape (n,).
@@ -125,7 +125,7 @@ class Prescribed:
 
     @property
     def varies_in_space(self) -> bool:
-        """Whether the value is a function of nodes and time."""
+        """True if the value is a function of nodes and time."""
         try:
             parameters = signature(self.value).parameters.values()
         except (TypeError, ValueError):  # not a Python function
@@ -139,7 +139,7 @@ class Prescribed:
 class Spring:
     """Distributed springs between a facet group and the fixed ground.
 
-    Adds k_n (u.n)(v.n) + k_t (u_t . v_t) over the group to the stiffness.
+    The integral of k_n (u.n)(v.n) + k_t (u_t . v_t) over the group is added to the stiffness form.
 
     Attributes:
         group: Name of the facet group.
@@ -195,10 +195,9 @@ Support = Fixed | Prescribed | Spring | ViscousBoundary
 
 
 class Constraints:
-    """Constrained dofs of a space and their values in time.
+    """Constrained dofs of a space, with their values as functions of time.
 
-    If supports share a dof, a prescribed value overrides a fixed one; two prescribed values must be
-    equal.
+    If supports share a dof, Prescribed overrides Fixed; two prescribed values must be equal.
 
     Args:
         jointed: Mesh with its facet groups.
@@ -207,13 +206,13 @@ class Constraints:
 
     Attributes:
         dofs: Owned constrained dofs, local numbers, ascending, shape (n,).
-        static_dofs: Owned dofs constrained in static stages, which include viscous boundaries.
+        static_dofs: Owned dofs constrained in static stages, including viscous boundaries.
         groups: Names of the groups with constrained dofs.
         points: Owned nodes, local numbers, of supports at points, by `place_of`.
 
     Raises:
         ValueError: A component is unknown, or both Fixed by name and Prescribed at one place.
-        MeshError: A group does not exist, or a point has no node or several.
+        MeshError: A group does not exist, or a point has no node or several nodes.
     """
 
     def __init__(self, jointed: JointedMesh, V: Any, supports: list[Support]) -> None:
@@ -259,7 +258,7 @@ class Constraints:
 
     @property
     def moves(self) -> bool:
-        """Whether a displacement is prescribed."""
+        """True if a displacement is prescribed."""
         return bool(self._prescribed)
 
     def values(self, time: float, *, static: bool = False) -> NDArray[np.float64]:
@@ -288,7 +287,7 @@ class Constraints:
     def _shared_dofs(self) -> list[tuple[int, int, Ints, Ints]]:
         """Find pairs of prescribed supports that share dofs on any rank (collective).
 
-        A pair has the numbers of both supports and the positions of the shared dofs in each.
+        A pair has the numbers of both supports and the positions of the shared dofs in both.
         """
         pairs = []
         for (i, (one, *_)), (j, (other, *_)) in combinations(enumerate(self._prescribed), 2):
@@ -302,9 +301,9 @@ class Constraints:
         for i, j, at_one, at_other in self._shared:
             scale = max(float(np.abs(prescribed[k]).max(initial=0.0)) for k in (i, j))
             values = np.column_stack([prescribed[i][at_one], prescribed[j][at_other]])
-            worst = np.argsort(np.abs(values @ [1.0, -1.0]))[-1:]  # empty without shared dofs
-            places = self._prescribed[i][1][at_one[worst]]
-            from_ranks = self._comm.allgather((scale, [*zip(values[worst], places, strict=True)]))
+            largest = np.argsort(np.abs(values @ [1.0, -1.0]))[-1:]  # empty without shared dofs
+            places = self._prescribed[i][1][at_one[largest]]
+            from_ranks = self._comm.allgather((scale, [*zip(values[largest], places, strict=True)]))
             shared = [pair for _, pairs in from_ranks for pair in pairs]
             (one, other), place = max(shared, key=lambda pair: abs(pair[0][0] - pair[0][1]))
             if abs(one - other) <= SAME_VALUE * max(scale for scale, _ in from_ranks):
@@ -320,7 +319,7 @@ class Constraints:
 
 
 def _check_not_both(supports: Sequence[Support]) -> None:
-    """Check that no component is both fixed by name and prescribed at one place."""
+    """Check that no component at one place is both fixed by name and prescribed."""
     fixed = [s for s in supports if isinstance(s, Fixed)]
     fixed_by_name = {(place_of(s), component) for s in fixed for component in s.components or ""}
     for motion in supports:
@@ -344,6 +343,6 @@ def _node_of_point(jointed: JointedMesh, V: Any, support: Fixed | Prescribed) ->
     if len(all_nodes) > 1:
         raise MeshError(
             f"The support at {where} has {len(all_nodes)} nodes there, on both sides of a joint; "
-            f"name a side as well, as in group='{jointed.joint_names[0]}+'."
+            f"also give a side, for example group='{jointed.joint_names[0]}+'."
         )
     return nodes

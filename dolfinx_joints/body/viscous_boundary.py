@@ -21,14 +21,14 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 class ViscousBoundary:
     """Dashpots on a facet group: rho c_p along the normal, rho c_s tangentially, per area.
 
-    Adds rho c_p (u.n)(v.n) + rho c_s (u_t . v_t) over the group to the damping. Density and wave
-    speeds are those of the cell behind each facet, which must be isotropic; massless cells do not
-    contribute. Waves with normal incidence are absorbed completely.
+    The integral of rho c_p (u.n)(v.n) + rho c_s (u_t . v_t) over the group is added to the damping
+    form. The cell behind each facet gives the density rho and the wave speeds c_p and c_s; it must
+    be isotropic. Massless cells do not contribute. Normally incident waves are absorbed completely.
 
     Attributes:
         group: Name of the facet group.
-        in_statics: ``held``: fixed in static stages, and the reactions act as a load in dynamic
-            stages; or ``free``.
+        in_statics: ``held``: the group is fixed in static stages, and its reactions act as a load
+            in dynamic stages; or ``free``.
     """
 
     group: str
@@ -50,7 +50,7 @@ def absorbing_groups(
         if any(jointed.mesh.comm.allgather(twice > 0)):
             raise ValueError(
                 f"The viscous boundaries on {', '.join(groups)} have common facets; a facet may "
-                "belong to one of them only."
+                "belong to only one of them."
             )
         orthotropic = np.isnan(_shear_moduli(jointed, body, facets)).any()
         if any(jointed.mesh.comm.allgather(bool(orthotropic))):

@@ -2,5 +2,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The joint operator: gap = B u, force = B^T (w t); points, frames, quadrature rules, contact.
 
-It does not contain friction: the laws are passed to it.
+The operator does not contain friction, which is in the laws.
 """

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Selection of the brittle bonds with which a step is solved."""
+"""Selection of the brittle bonds that are locked or released in a step."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.joints.law_points import LawPoints
 from dolfinx_joints.laws.law import BROKEN, HELD, JointState, with_bonds
 
-# Fraction of the largest overload from which bonds are released together with that one.
-ALIKE = 0.9
+# Bonds with at least this fraction of the largest overload are released together.
+RELEASED_TOGETHER = 0.9
 
 
 class Bonds:
-    """Bonds in a step: locked until its converged solution overloads them, then released.
+    """Bonds in a step: locked until the converged solution overloads them, then released.
 
-    The most overloaded bonds are released first, since their failure may unload others, as in short
-    steps. The result does not depend on the iterates of the solver.
+    The most overloaded bonds are released first, since their failure may unload other bonds, as in
+    short steps. The result does not depend on the iterates of the solver.
     """
 
     def __init__(self, parts: Sequence[LawPoints], comm: Any, state: JointState) -> None:
@@ -39,13 +39,13 @@ class Bonds:
         return replace(self._state, internal=internal)
 
     def release(self, state: JointState) -> bool:
-        """Release overloaded bonds; return True if there are any (collective)."""
+        """Release overloaded bonds; return True if a bond is overloaded (collective)."""
         excess = np.zeros(len(self._released))
         for part in self._parts:
             if part.brittle:
                 excess[part.points] = np.maximum(HELD - state.internal[part.points, 0], 0.0)
         largest = max(self._comm.allgather(float(excess.max(initial=0.0))))
-        self._released |= (excess > 0.0) & (excess >= ALIKE * largest)
+        self._released |= (excess > 0.0) & (excess >= RELEASED_TOGETHER * largest)
         return largest > 0.0
 
 

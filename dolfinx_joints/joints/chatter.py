@@ -3,7 +3,7 @@
 """Detection of chatter: joint points that close and open again every few steps.
 
 Frictional sliding excites the shortest waves of an undamped body. Points of a stiff joint then
-close only briefly and slip back and forth, and the mean friction is below its limit.
+close only briefly and slip back and forth, and the mean friction stays below the limit.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Response
 
-# Number of steps that resolve a contact or an open phase. A joint chatters above this number of
-# shorter contacts per point and this share of the normal impulse in them.
+# Number of steps that resolve a contact or an open phase. A joint chatters if it has more than
+# REPEATED shorter contacts per point, with more than LARGE_SHARE of the normal impulse.
 RESOLVED, REPEATED, LARGE_SHARE = 10, 20, 0.2
 
 
 class Chatter:
     """Share of the normal impulse of each joint that acts in short sliding contacts.
 
-    Contacts shorter than `RESOLVED` steps, or than a subdivided step, are short. They count if the
-    open phase before was also short: rebounds of a block are not chatter.
+    A contact is short if it is shorter than `RESOLVED` steps or than a subdivided step. It counts
+    if the open phase before it was also short; rebounds of a block are not chatter.
 
     Args:
         contact: The joints, or None.
@@ -37,14 +37,14 @@ class Chatter:
     def __init__(self, contact: Contact | None) -> None:
         self._contact = contact
         points = 0 if contact is None else len(contact.operator.joint)
-        # Per point: time, impulse and friction work of its contact; time of the last open phase.
+        # Per point: time, impulse, friction work of the contact; time of the last open phase.
         self._duration, self._impulse, self._friction = np.zeros((3, points))
         self._open_time: Floats = np.full(points, np.inf)
         # Per joint on this rank: short contacts, their impulse, total impulse.
         self._sums: Floats = np.zeros((3, 0 if contact is None else len(contact.operator.names)))
         self._shares: dict[str, float] = {}
 
-    def see(self, joints: Response, dt: float, whole: float) -> None:
+    def record(self, joints: Response, dt: float, whole: float) -> None:
         """Record a substep of length dt [s] of a step of length ``whole`` [s]."""
         if self._contact is None:
             return
@@ -52,7 +52,7 @@ class Chatter:
         resolved = max((RESOLVED - 0.5) * dt, whole)
         points = self._duration, self._impulse, self._friction, self._open_time
         fields = operator.areas, joints.traction, joints.dissipation
-        _see(*fields, operator.joint, dt, resolved, points, self._sums)
+        _record(*fields, operator.joint, dt, resolved, points, self._sums)
 
     def _total(self) -> Floats:
         """Return the sums over all ranks (collective)."""
@@ -62,7 +62,7 @@ class Chatter:
     def joints(self) -> dict[str, float]:
         """Return the impulse share of short contacts by name of chattering joint (collective).
 
-        A joint that no longer chatters keeps the value of the last call at which it did.
+        A joint that no longer chatters keeps the value of the last call at which it chattered.
         """
         if self._contact is None:
             return {}
@@ -83,7 +83,7 @@ class Chatter:
         return {"found": dict(self._shares), "sums": self._total(), "points": own_points}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Restore the data of ``state_dict``; its points are those of this rank."""
+        """Restore the data of ``state_dict``, which contains the points of this rank."""
         if self._contact is None:
             return
         self._duration, self._impulse, self._friction, self._open_time = state_dict[
@@ -95,7 +95,7 @@ class Chatter:
 
 
 @njit(cache=True)
-def _see(
+def _record(
     areas: Floats,
     traction: Floats,
     dissipation: Floats,

@@ -51,7 +51,7 @@ class ContactStep:
     ) -> None:
         """Prepare the data shared by all evaluations (collective)."""
         self._laws, self._comm, self._state = laws, comm, state
-        # Compiled loops raise no errors, so the ranks need not exchange errors.
+        # Compiled loops raise no errors, so the ranks exchange none.
         self._may_fail = any(part.compiled_over(rule) is None for part in laws)
         with raised_together(comm):
             if len(laws) == 1:
@@ -89,14 +89,14 @@ class ContactStep:
             return parts[0]
         response = empty_response(len(answers.traction), self._state.internal.shape[1])
         for part, own_response in zip(self._laws, parts, strict=True):
-            part.put(own_response, response)
+            part.write_to(own_response, response)
         return response
 
 
 class PointStep:
     """Points of one law in one step of the condensed solver, for many trial gaps.
 
-    The structural compliance is normal and tangential, shape (n, 2), [m/Pa].
+    ``compliance`` is the normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
     """
 
     def __init__(self, part: LawPoints, rule: Rule, compliance: Floats, state: JointState) -> None:
@@ -112,7 +112,7 @@ class PointStep:
     def answer(self, trial_gap: Floats) -> Answer | Response:
         """Return the response of the law at a trial gap (n, 3), [m]."""
         if self._law is None:
-            return self._part.ask(self._rule, trial_gap, self._compliance, self._state)
+            return self._part.evaluate(self._rule, trial_gap, self._compliance, self._state)
         return solve_points(self._loop, trial_gap, self._compliance, self._start)
 
     def response(self, answer: Answer | Response) -> Response:

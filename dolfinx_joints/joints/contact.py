@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Joints with their laws: from displacements to tractions, tangents and stored energy."""
+"""Joints with their laws: tractions, tangents and stored energy of given displacements."""
 
 from __future__ import annotations
 
@@ -47,17 +47,17 @@ class Contact:
         operator: The gap operator.
         laws: One law for all joints, or one per joint name.
         initial_gaps: Initial normal gaps by joint name, [m]: a number, or a function that maps
-            point coordinates (n, 3) to gaps (n,). They are added to gaps of the mesh.
+            point coordinates (n, 3) to gaps (n,). These gaps are added to gaps of the mesh.
 
     Attributes:
         laws: Law of each joint by name.
-        initial_gap: Gap before any displacement, of the mesh and as given, shape (n, 3), [m].
-        acting: True for local points that carry tractions, shape (n,).
+        initial_gap: Gap before any displacement, mesh gap plus given gap, shape (n, 3), [m].
+        acting: True for local points that are active (can have tractions), shape (n,).
         tied: True for local points that can neither open nor slide, shape (n,).
-        overlaps: Smallest given gap of each joint with a negative one, by name [m].
+        overlaps: Smallest given gap [m] by joint name, for joints with negative given gaps.
 
     Raises:
-        MeshError: A name is not that of a joint, or a joint has no law.
+        MeshError: A name is not the name of a joint, or a joint has no law.
     """
 
     def __init__(
@@ -87,15 +87,15 @@ class Contact:
         self.acting: Flags = np.ones(len(operator.joint), dtype=bool)
         self.tied = operator.tied
         self.initial_gap: Floats = operator.initial_gap.copy()
-        places = np.zeros_like(self.initial_gap) if operator.points is None else operator.points
+        points = np.zeros_like(self.initial_gap) if operator.points is None else operator.points
         self.overlaps: dict[str, float] = {}
         for name, gap in gaps.items():
             in_joint = operator.joint == operator.names.index(name)
             with raised_together(operator.comm):
-                normal_gap = _checked_gap(name, gap, places[in_joint])
+                normal_gap = _check_gap(name, gap, points[in_joint])
             self.initial_gap[in_joint, 0] += normal_gap
-            least = operator.comm.allreduce(float(normal_gap.min(initial=0.0)), min)
-            self.overlaps |= {name: least} if least < 0.0 else {}
+            smallest = operator.comm.allreduce(float(normal_gap.min(initial=0.0)), min)
+            self.overlaps |= {name: smallest} if smallest < 0.0 else {}
 
     @cached_property
     def by_forms(self) -> Contact:
@@ -106,10 +106,10 @@ class Contact:
         """
         if not isinstance(self.operator, JointOperator):
             raise JointsError("Interior-facet integrals need joints of a mesh, not of a matrix.")
-        return self.on(FormOperator(self.operator))
+        return self.with_operator(FormOperator(self.operator))
 
-    def on(self, operator: GapOperator) -> Contact:
-        """Return a copy with the same laws and points on another operator."""
+    def with_operator(self, operator: GapOperator) -> Contact:
+        """Return a copy with these laws and points on another operator."""
         other = copy(self)
         other.__dict__.pop("by_forms", None)
         other.operator = operator
@@ -118,12 +118,12 @@ class Contact:
     def without(self, idle: Flags) -> Contact | None:
         """Return a copy with inactive points, or None if no point is active (collective).
 
-        Laws without an active point are dropped, so they do not affect the choice of the solver.
+        Laws without an active point are dropped, so that they do not affect the choice of solver.
 
         Args:
             idle: True for local points without traction, shape (n,).
         """
-        acting = [part.among(~idle) for part in self._laws]
+        acting = [part.subset(~idle) for part in self._laws]
         numbers = summed(self.operator.comm, np.array([len(p.points) for p in acting]))
         acting = [part for part, number in zip(acting, numbers, strict=True) if number]
         if not acting:
@@ -152,18 +152,18 @@ class Contact:
         return state
 
     def trial(self, u: Any, state: JointState) -> Response:
-        """Return the end-point response at the displacement ``u``, from ``state`` (collective)."""
+        """Return the backward Euler response at a displacement, from ``state`` (collective)."""
         return self.at_gap(self.gap(u), state)
 
     def at_gap(self, gap: Floats, state: JointState) -> Response:
-        """Return the end-point response at a gap (n, 3) [m], from ``state`` (collective)."""
+        """Return the backward Euler response at a gap (n, 3) [m], from ``state`` (collective)."""
         return self._evaluate(BACKWARD_EULER, gap, None, state)
 
     def respond(self, change: Any, state: JointState, rule: Rule) -> Response:
-        """Return the response to a change of the displacement since ``state`` (collective).
+        """Return the response to a change of the displacement, relative to ``state`` (collective).
 
         Args:
-            change: Displacement minus that at ``state``, [m].
+            change: Displacement minus the displacement at ``state``, [m].
             state: State at the start of the step.
             rule: Rule by which the laws are evaluated.
         """
@@ -195,17 +195,17 @@ class Contact:
         """Return the response of the local points (collective)."""
         with raised_together(self.operator.comm):
             if len(self._laws) == 1:
-                return self._laws[0].ask(rule, gap, compliance, state)
+                return self._laws[0].evaluate(rule, gap, compliance, state)
             answer = empty_response(len(gap), self._variables)
             for part in self._laws:
                 points = part.points
-                own = None if compliance is None else compliance[points]
-                part.put(part.ask(rule, gap[points], own, part.state_of(state)), answer)
+                c = None if compliance is None else compliance[points]
+                part.write_to(part.evaluate(rule, gap[points], c, part.state_of(state)), answer)
             return answer
 
     @property
     def brittle(self) -> bool:
-        """Whether a law has bonds that can break; the same on all ranks."""
+        """True, on all ranks, if a law has bonds that can break."""
         return any(part.brittle for part in self._laws)
 
     def bonds(self, state: JointState) -> Bonds:
@@ -222,13 +222,13 @@ class Contact:
 
     @property
     def stops(self) -> bool:
-        """Whether a law has points without rebound; the same on all ranks."""
+        """True, on all ranks, if a law has points without rebound."""
         return any(part.stops for part in self._laws)
 
     @property
     def without_balance(self) -> tuple[str, ...]:
         """Class names of the laws without a method for whole steps."""
-        return tuple(sorted({part.kind for part in self._laws if not part.balances}))
+        return tuple(sorted({part.kind for part in self._laws if not part.has_whole_steps}))
 
     def stored_energy(self, state: JointState) -> Floats:
         """Return the elastic energy of each joint, shape (number of joints,), [J] (collective)."""
@@ -242,7 +242,7 @@ class Contact:
     def losses(self, rule: Rule, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Return the losses of a step at all local points, each of shape (n,), [J/m^2].
 
-        See `LawWithLosses.losses` for the arguments.
+        The arguments are those of `LawWithLosses.losses`.
         """
         friction, numerical, impact = np.empty((3, len(traction)))
         if len(self._laws) == 1:
@@ -283,7 +283,7 @@ class Contact:
 
     @property
     def rigid(self) -> bool:
-        """Whether a law has infinite stiffness; the same on all ranks."""
+        """True, on all ranks, if a law has infinite stiffness."""
         return any(math.isinf(k) for part in self._laws for k in part.law.closed_stiffness())
 
     def firm_stiffness(self) -> Floats:
@@ -295,7 +295,7 @@ class Contact:
     def closed_tangent(self, *, firm: bool = False) -> Floats:
         """Return the tangent of each closed, sticking point, shape (n, 3, 3), [Pa/m].
 
-        With ``firm`` the stiffness is that of `firm_stiffness`.
+        ``firm`` selects `firm_stiffness` instead of `closed_stiffness`.
 
         Raises:
             JointsError: A law is rigid.
@@ -327,7 +327,7 @@ class Contact:
         return self.operator.names[int(np.argmax(total))] if total.any() else None
 
     def not_finite(self, response: Response) -> tuple[str, str] | None:
-        """Return joint and law class of non-finite values at a finite gap, or None (collective)."""
+        """Return joint and law class of NaN responses at a finite gap, or None (collective)."""
         answers = (response.traction, response.tangent.reshape(-1, 9))
         wrong = ~np.all([np.isfinite(values).all(axis=1) for values in answers], axis=0)
         wrong &= np.isfinite(response.state.gap).all(axis=1)
@@ -335,8 +335,8 @@ class Contact:
         return None if joint is None else (joint, type(self.laws[joint]).__name__)
 
 
-def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:
+def _check_gap(name: str, gap: InitialGap, coordinates: Floats) -> Floats:
     label = f"The initial gap of {name!r}"
     if not callable(gap):
         check_number(label, gap, lambda _: True, "finite", unit="m")
-    return check_each(label, gap(places) if callable(gap) else gap, len(places))
+    return check_each(label, gap(coordinates) if callable(gap) else gap, len(coordinates))

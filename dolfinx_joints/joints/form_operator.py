@@ -5,12 +5,12 @@
 With q a test function at the quadrature points of the joints, and w their areas,
 
     jump      g = (1/w) int_joints q . [u] dS
-    force     f(v) = int_joints t . [v] dS                  (2)
-    tangent   a(u, v) = int_joints D [u] . [v] dS           (6)
+    force     f(v) = int_joints t . [v] dS                  (3, paper 2)
+    tangent   a(u, v) = int_joints D [u] . [v] dS           (11, paper 6)
 
 are assembled by DOLFINx. Traction t and tangent D come from the return mapping at the points and
-are Functions on the joints. Both operators are the same sum over points. B stores the coefficients
-of g, which makes it several times faster.
+are Functions on the joints. This operator and B are the same sum over points. B stores the
+coefficients of g and is therefore several times faster.
 """
 
 from __future__ import annotations
@@ -66,18 +66,18 @@ class FormOperator(GapOperator):
             )
         )
         self._force = self._u.x.petsc_vec.duplicate()
-        self._areas = self._assembled(areas)
+        self._areas = self._assemble_by_facet(areas)
 
     def jump(self, u: PETSc.Vec) -> Floats:
         """Return the displacement jump at the local points, shape (n, 3), [m] (collective)."""
         u.copy(self._u.x.petsc_vec)
         self._u.x.scatter_forward()
-        jump = self._exchange.to_points(self._assembled(self._jump_form) / self._areas)
+        jump = self._exchange.to_points(self._assemble_by_facet(self._jump_form) / self._areas)
         return np.einsum("nki,ni->nk", self._axes, jump)
 
     def force(self, traction: Floats, out: PETSc.Vec) -> PETSc.Vec:
-        """Compute the nodal forces (2), [N] (collective)."""
-        self._exchange.give(self._traction, np.einsum("nki,nk->ni", self._axes, traction))
+        """Compute the nodal forces (3), [N] (collective)."""
+        self._exchange.set_function(self._traction, np.einsum("nki,nk->ni", self._axes, traction))
         with self._force.localForm() as local:
             local.set(0.0)
         fem_petsc.assemble_vector(self._force, self._force_form)
@@ -86,20 +86,20 @@ class FormOperator(GapOperator):
         return out
 
     def tangent_matrix(self, free: PETSc.Vec) -> FormTangent:
-        """Return the tangent assembler (6); see `GapOperator.tangent_matrix` (collective)."""
+        """Return the tangent assembler (11); see `GapOperator.tangent_matrix` (collective)."""
         return FormTangent(self, free)
 
     def assemble_tangent(self, tangent: Floats, out: PETSc.Mat) -> None:
-        """Assemble the tangent (6) [N/m] of point tangents (n, 3, 3), [Pa/m] (collective)."""
+        """Assemble the tangent (11) [N/m] of point tangents (n, 3, 3), [Pa/m] (collective)."""
         axes = self._axes
         rotated = np.einsum("nki,nkl,nlj->nij", axes, tangent, axes)
-        self._exchange.give(self._tangent, rotated.reshape(len(rotated), -1))
+        self._exchange.set_function(self._tangent, rotated.reshape(len(rotated), -1))
         out.zeroEntries()
         fem_petsc.assemble_matrix(out, self.tangent_form)
         out.assemble()
 
-    def _assembled(self, form: fem.Form) -> Floats:
-        """Assemble a linear form on vectors at quadrature points, by facet, shape (m, dim)."""
+    def _assemble_by_facet(self, form: fem.Form) -> Floats:
+        """Assemble a linear form of a quadrature space; return vectors by facet, (m, dim)."""
         values = fem.assemble_vector(form).array.reshape(-1, self._dim)
         return values[self._dofs]
 
@@ -119,7 +119,7 @@ class FormTangent:
     def assemble(self, tangent: Floats, *, coupled: bool = True) -> PETSc.Mat:
         """Return the tangent [N/m] of point tangents (n, 3, 3), [Pa/m] (collective).
 
-        The argument ``coupled`` has no effect.
+        ``coupled`` has no effect.
         """
         self._operator.assemble_tangent(tangent, self._matrix)
         self._matrix.diagonalScale(self._free, self._free)

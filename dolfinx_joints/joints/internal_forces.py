@@ -22,19 +22,19 @@ class InternalForces(Protocol):
     """
 
     def at_rest(self, u: PETSc.Vec) -> Any:
-        """Return the state at a displacement without history."""
+        """Return the state without history at a displacement."""
 
     def trial(self, u: PETSc.Vec, state: Any) -> Any:
         """Return the response at the end of a step from ``state`` to the displacement ``u``."""
 
     def respond(self, change: PETSc.Vec, state: Any, rule: Rule) -> Any:
-        """Return the response to a change of the displacement since ``state``."""
+        """Return the response to a change of the displacement, relative to ``state``."""
 
     def force(self, response: Any, out: PETSc.Vec) -> PETSc.Vec:
         """Compute the nodal forces that act in a step, [N]."""
 
     def force_at_end(self, response: Any, out: PETSc.Vec) -> PETSc.Vec:
-        """Compute the nodal forces at the end of the step, from which a motion starts, [N]."""
+        """Compute the nodal forces at the end of the step, with which a motion starts, [N]."""
 
     def tangent(self, response: Any, part: float = 0.0) -> Floats:
         """Return the point tangents plus ``part`` times the elastic stiffness."""
@@ -46,7 +46,7 @@ class InternalForces(Protocol):
         """Return the number of joint points by status, None without joints."""
 
     def rounding(self, response: Any, change: float) -> float:
-        """Return the rounding error of the forces / eps; ``change`` is the largest of the step."""
+        """Return the rounding error of the forces / eps for a largest displacement ``change``."""
 
     def failure(self, response: Any, state: Any) -> dict[str, Any]:
         """Return keyword arguments of the `ConvergenceError` for a failed solve."""
@@ -79,11 +79,11 @@ class JointInternalForces:
         return self.contact.counts(response.status)
 
     def rounding(self, response: Response, change: float) -> float:
-        """Return the rounding error of the joint forces due to that of the gaps, over eps [N].
+        """Return the error of the joint forces due to rounding of the gaps, divided by eps [N].
 
         Args:
             response: Response with the joint forces.
-            change: Largest displacement of the step [m].
+            change: Largest displacement change of the step [m].
         """
         operator = self.contact.operator
         largest = np.abs(response.state.gap).max(axis=1, initial=0.0)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Points of one law: selection of its method for a rule, and check of its results."""
+"""Points of one law: selection of the law's method for a rule, and check of the results."""
 
 from __future__ import annotations
 
@@ -61,10 +61,10 @@ class LawPoints:
         points: Local numbers of the points.
         kind: Class name of the law.
         variables: Number of internal variables.
-        balances: Whether the law has an energy-consistent method for whole steps.
-        accounts: Whether the law has formulas for its losses in backward Euler steps.
-        brittle: Whether the law has bonds that can break.
-        stops: Whether the points do not rebound.
+        has_whole_steps: True if the law has an energy-consistent method for whole steps.
+        has_losses: True if the law has formulas for its losses in backward Euler steps.
+        brittle: True if the law has bonds that can break.
+        stops: True if the points do not rebound.
 
     Raises:
         ValueError: The internal variables do not conform to `LawWithHistory`, or the stiffness is
@@ -94,21 +94,21 @@ class LawPoints:
         if isinstance(law, RateDependentLaw):
             self._law_of_steps = law.for_step
         step = self._law_of_steps(math.inf)
-        alone = step.law if isinstance(step, DashpotStep) else step
-        self.balances = isinstance(alone, EnergyConsistentLaw | CondensedEnergyConsistentLaw)
-        self.accounts = isinstance(alone, LawWithLosses)
-        self.brittle = has_bonds(alone)
+        inner = step.law if isinstance(step, DashpotStep) else step
+        self.has_whole_steps = isinstance(inner, EnergyConsistentLaw | CondensedEnergyConsistentLaw)
+        self.has_losses = isinstance(inner, LawWithLosses)
+        self.brittle = has_bonds(inner)
         self._rigid: RigidJoint | None = law if isinstance(law, RigidJoint) else None
         self.stops = self._rigid is not None and self._rigid.restitution == 0
 
-    def among(self, chosen: Flags) -> LawPoints:
-        """Return a copy with those points that are chosen among all local points."""
+    def subset(self, chosen: Flags) -> LawPoints:
+        """Return a copy with a part of the points; ``chosen`` is a flag per local point, (n,)."""
         part = copy(self)
         part.points = self.points[chosen[self.points]]
         return part
 
     def state_of(self, state: JointState) -> JointState:
-        """Return the state of these points, given that of all local points."""
+        """Return the state of these points from the state of all local points."""
         part = JointState(gap=state.gap[self.points], elastic_slip=state.elastic_slip[self.points])
         if self.variables:
             part = replace(part, internal=state.internal[self.points, : self.variables])
@@ -119,7 +119,7 @@ class LawPoints:
         return part
 
     def response_of(self, answer: Response) -> Response:
-        """Return the response of these points, given that of all local points."""
+        """Return the response of these points from the response of all local points."""
         points = self.points
         return Response(
             traction=answer.traction[points],
@@ -146,11 +146,11 @@ class LawPoints:
         return self._law_of_steps(rule.dt)
 
     def compiled_over(self, rule: Rule) -> CompiledLaw | None:
-        """Return `law_over` if its compiled loops give all its responses, else None."""
+        """Return `law_over` if compiled loops compute all responses of the law, else None."""
         law = self.law_over(rule)
-        return law if isinstance(law, CompiledLaw) and law.has_loops_alone() else None
+        return law if isinstance(law, CompiledLaw) and law.uses_only_loops() else None
 
-    def ask(
+    def evaluate(
         self, rule: Rule, gap: Floats, compliance: Floats | None, state: JointState
     ) -> Response:
         """Return the response of these points at a gap, or at a trial gap on a compliance.
@@ -161,41 +161,41 @@ class LawPoints:
         law = self.law_over(rule)
 
         def answer(at: Floats) -> Response:
-            return self._checked(_methods(law)[rule.name](at, state), len(gap))
+            return self._check_response(_methods(law)[rule.name](at, state), len(gap))
 
         if compliance is None:
             return answer(gap)
         condensed = _condensed_methods(law).get(rule.name)
         if condensed is not None:
-            return self._checked(condensed(gap, compliance, state), len(gap))
+            return self._check_response(condensed(gap, compliance, state), len(gap))
         return on_compliance(answer, state.gap, gap, compliance, law.closed_stiffness())
 
-    def put(self, own: Response, answer: Response) -> None:
-        """Write the response of these points into that of all local points."""
+    def write_to(self, part: Response, answer: Response) -> None:
+        """Write the response of these points to the response of all local points."""
         points = self.points
         for name in ("traction", "tangent", "dissipation", "status"):
-            getattr(answer, name)[points] = getattr(own, name)
-        answer.state.gap[points] = own.state.gap
-        answer.state.elastic_slip[points] = own.state.elastic_slip
-        if len(own.state.slips):
-            answer.state.slips[points] = own.state.slips
+            getattr(answer, name)[points] = getattr(part, name)
+        answer.state.gap[points] = part.state.gap
+        answer.state.elastic_slip[points] = part.state.elastic_slip
+        if len(part.state.slips):
+            answer.state.slips[points] = part.state.slips
         if self.variables:
-            answer.state.internal[points, : self.variables] = own.state.internal
+            answer.state.internal[points, : self.variables] = part.state.internal
 
     def states_losses(self, rule: Rule) -> bool:
-        """Return True if the law gives its losses, so that the energy balance checks it."""
-        return self.accounts or (rule.name == DISCRETE_GRADIENT.name and self.balances)
+        """Return True if the law computes its losses, so that the energy balance checks the law."""
+        return self.has_losses or (rule.name == DISCRETE_GRADIENT.name and self.has_whole_steps)
 
     def losses(self, rule: Rule, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Return the losses of a step at these points; arguments as in `LawWithLosses`."""
-        if rule.name == DISCRETE_GRADIENT.name and self.balances:
+        if rule.name == DISCRETE_GRADIENT.name and self.has_whole_steps:
             lost = Losses(answer.dissipation, np.zeros(len(traction)))
             if self._rigid is not None and self.stops:
                 lost = lost._replace(impact=self._rigid.impact(before, answer))
             return lost
         return losses_of(self.law_over(rule), before, answer, traction)
 
-    def _checked(self, response: Response, count: int) -> Response:
+    def _check_response(self, response: Response, count: int) -> Response:
         if not (isinstance(response, Response) and isinstance(response.state, JointState)):
             raise ValueError(f"{self.kind} returned {shown(response)}; it must be a Response.")
         for name, shape in _SHAPES.items():
@@ -216,14 +216,14 @@ class LawPoints:
 
 
 def _methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
-    """Return the methods at a gap by rule; backward Euler if there is no whole-step method."""
+    """Return the methods at a gap by rule; without a whole-step method, use backward Euler."""
     end = law.backward_euler if isinstance(law, Law) else partial(_without_pressure, law)
     whole = law.discrete_gradient if isinstance(law, EnergyConsistentLaw) else end
     return {"backward_euler": end, "discrete_gradient": whole}
 
 
 def _condensed_methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
-    """Return the law's methods on a compliance by rule; most laws do not have them."""
+    """Return the law's methods on a compliance by rule, none for most laws."""
     if not isinstance(law, CondensedLaw) or changes_gap_methods(type(law)):
         return {}
     methods = {"backward_euler": law.condensed_backward_euler}
@@ -238,7 +238,7 @@ def _without_pressure(law: Any, gap: Floats, state: JointState) -> Response:
     """Return the response of a rigid joint without a compliance, at points without pressure.
 
     Raises:
-        JointsError: A point overlaps, so its traction is not determined by its gap.
+        JointsError: A point overlaps, so the gap does not determine the traction.
     """
     if np.any(gap[:, 0] < 0.0):
         raise JointsError(

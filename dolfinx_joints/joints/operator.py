@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Joint operator without friction: gap = B u, force = B^T (w t), tangent = B^T (w D) B.
 
-The sign convention is defined here: the jump is u+ - u- and the normal n points from the - to the +
-side. Thus gap_n > 0 is open and t_n < 0 is compression. `orientation.orient_pairs` chooses the
-sides and `joint_frames` the tangential axes.
+This module defines the sign convention: the jump is u+ - u- and the normal n points from the - to
+the + side. Thus gap_n > 0 is open and t_n < 0 is compression. `orientation.orient_pairs` chooses
+the sides and `joint_frames` the tangential axes.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import vertex_functions
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, local_cells
 
-# Smaller entries of B are rounding error (others are of order one). Without them, products with B
-# are several times faster for nodal rules and joints parallel to the axes.
+# Smaller entries of B are rounding error (the others are of order one) and are dropped. Products
+# with B are then several times faster for nodal rules and joints parallel to the axes.
 ROUNDING = 1e-14
 
 
 class TangentMatrix(Protocol):
-    """Assembler of the tangent matrix; ``joints`` is B with zero columns at constrained dofs."""
+    """Assembler of tangent matrices; ``joints`` is B with zero columns at constrained dofs."""
 
     comm: Any
     joints: PETSc.Mat | None
@@ -44,11 +44,11 @@ class TangentMatrix(Protocol):
 class GapOperator:
     """Matrix B and the area of each point: gap = B u, force = B^T (w t).
 
-    Solvers need nothing else from the joints. `JointOperator` builds B from a mesh; any matrix with
-    three rows (n, s1, s2) per point can be used.
+    Solvers need only B, the areas and the laws. `JointOperator` builds B from a mesh; any matrix
+    with three rows (n, s1, s2) per point can be used.
 
     Args:
-        matrix: B, shape (3 num_points, num_dofs); each rank holds whole points.
+        matrix: B, shape (3 num_points, num_dofs); all rows of a point are on one rank.
         areas: Areas w of the local points, shape (n,), [m^2].
         joint: Joint number of each local point, shape (n,).
         names: Joint names.
@@ -58,7 +58,7 @@ class GapOperator:
         initial_gap: Gap before any displacement, shape (n, 3), [m].
         points: Coordinates of the local points, shape (n, 3), [m]; None without a mesh.
         sizes: Element size at each local point, shape (n,), [m]: the shortest edge of the facets
-            that share it; None without a mesh.
+            that share the point; None without a mesh.
     """
 
     points: Floats | None = None
@@ -123,9 +123,9 @@ class GapOperator:
 class JointOperator(GapOperator):
     """Gap operator of the joints of a mesh.
 
-    gap = B u with B = T N (paper eq. 1), force = B^T (w t) (eq. 2), tangent = B^T (w D) B (eq. 6).
-    The points are distributed to the ranks in equal blocks, regardless of the mesh partition. Their
-    order does not depend on the number of ranks, and the load is balanced.
+    gap = B u, B = R N (2), force = B^T (w t) (3), tangent = B^T (w D) B (11). The rows of R are the
+    axes n, s1, s2; N are the shape functions of both sides. All ranks have equally many points,
+    whose order does not depend on the number of ranks or on the mesh partition.
 
     Args:
         jointed: Mesh with its facet pairs.
@@ -155,7 +155,7 @@ class JointOperator(GapOperator):
         super().__init__(matrix, self.layout.areas, self.layout.joint, pairs.names)
         if jointed.pairs.gaps_in_geometry:
             self.initial_gap = self.jump(_coordinates(V))
-            # Set the rounding error of touching faces to zero: a positive gap would be open.
+            # Set the gap of touching faces to zero: positive rounding error would be an opening.
             touching = np.abs(self.initial_gap[:, 0]) < 1e-9 * np.sqrt(self.areas)
             self.initial_gap[touching, 0] = 0.0
 
@@ -182,7 +182,7 @@ class JointTangent:
     def assemble(self, tangent: Floats, *, coupled: bool = True) -> PETSc.Mat:
         """Return the tangent [N/m] of point tangents (n, 3, 3), [Pa/m] (collective).
 
-        If not ``coupled``, it is symmetrised and normal-shear coupling is dropped.
+        If not ``coupled``, the tangent is symmetrised without normal-shear coupling.
         """
         if not coupled:
             tangent = 0.5 * (tangent + tangent.transpose(0, 2, 1))
@@ -197,7 +197,7 @@ class JointTangent:
     def coarse(self, interpolation: PETSc.Mat) -> Callable[[], PETSc.Mat]:
         """Return a function that computes P^T B^T (w D) B P for the last tangent (collective).
 
-        The product B P is formed first: otherwise each rank would store a copy of P.
+        The product B P is computed first; otherwise each rank would store a copy of P.
         """
         operator = self.joints.matMult(interpolation)
         product: PETSc.Mat | None = None
@@ -213,8 +213,8 @@ class JointTangent:
 def _assemble_operator(jointed: JointedMesh, V: Any, layout: JointPoints) -> PETSc.Mat:
     """Assemble B from the basis functions of the cells on both sides.
 
-    Each rank adds the facets whose - cell it owns; PETSc sends the entries to the owner of the row.
-    Facets that share a point add the entries in proportion to their areas.
+    A rank adds the facets whose - cell it owns; PETSc sends the entries to the owner of the row.
+    Facets that share a point contribute in proportion to their areas.
     """
     mesh, facet_dim = jointed.mesh, jointed.shape.dim - 1
     index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
@@ -299,11 +299,11 @@ def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[In
 def _side_table(element: Any, rule: Floats, vertices: Floats) -> Floats:
     """Return the basis functions of a cell at the rule's points on a facet, shape (q, a).
 
-    ``vertices`` are those of the facet in the order of the - side, in reference coordinates.
+    ``vertices`` are the facet vertices in the order of the - side, in reference coordinates.
     """
     position = vertex_functions(len(vertices), rule) @ vertices
     table: Floats = element.tabulate(0, position)[0, :, :, 0]
-    table[np.abs(table) < ROUNDING] = 0.0  # rounding error: at a node one function only is nonzero
+    table[np.abs(table) < ROUNDING] = 0.0  # at a node only one function is nonzero
     return table
 
 

@@ -27,7 +27,7 @@ class PointExchange:
         self._comm, self._count = surface.mesh.comm, count
         self._parts: dict[int, tuple[PETSc.Vec, PETSc.Vec, PETSc.Scatter]] = {}
 
-    def give(self, function: fem.Function, values: Floats) -> None:
+    def set_function(self, function: fem.Function, values: Floats) -> None:
         """Set a quadrature Function from values at joint points, shape (n, k) (collective)."""
         array = function.x.array.reshape(-1, values.shape[1])
         array[function.function_space.dofmap.list.ravel()] = self.to_facets(values)
@@ -62,7 +62,7 @@ def _order_of_integration(rule: Floats, turned: Ints) -> Ints:
     """Return the rule point of each quadrature point of an integral, shape (facets, q).
 
     Args:
-        rule: Points on the reference facet, the same set for each vertex order of the facet.
+        rule: Points on the reference facet; each vertex order must give the same set of points.
         turned: Facet vertices in the order of the integrals, shape (facets, vertices per facet).
     """
     corners = basix.cell.geometry(facet_cell_type(turned.shape[1]))
@@ -70,5 +70,5 @@ def _order_of_integration(rule: Floats, turned: Ints) -> Ints:
     kinds, of_facet = np.unique(turned, axis=0, return_inverse=True)
     distance = np.linalg.norm((weights @ corners[kinds])[:, :, None] - rule, axis=3)
     if np.any(distance.min(axis=2, initial=np.inf) > 1e-9):
-        raise ValueError("This quadrature rule depends on a facet's vertex order; use another.")
+        raise ValueError("The quadrature rule depends on a facet's vertex order; use another rule.")
     return distance.argmin(axis=2)[of_facet.ravel()]

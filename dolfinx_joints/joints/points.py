@@ -21,14 +21,14 @@ from dolfinx_joints.mesh.joint_pairs import JointPairs
 class JointPoints:
     """Joint facets and joint points of this rank.
 
-    A point at a vertex or edge midpoint is shared by all facets of its joint around it; every other
-    point belongs to one facet. Points are numbered over all ranks in the order of their first facet
+    All facets of a joint around a vertex or edge midpoint share the joint point there; every other
+    point belongs to one facet. Points of all ranks are numbered in the order of their first facet
     and distributed in equal blocks.
 
     Attributes:
         rule: Points on the reference facet, shape (q, facet dimension).
         facet: Global number of each facet, as in `JointPairs`, shape (num_facets,).
-        number: Point at each facet's rule point, shape (num_facets, q).
+        number: Number of the joint point at each rule point of a facet, shape (num_facets, q).
         share: Fraction of the point's area that lies on the facet, shape (num_facets, q).
         count: Number of points on all ranks.
         points: Coordinates of the points of this rank, shape (n, 3), [m].
@@ -52,7 +52,7 @@ class JointPoints:
     def from_facets(self, comm: Any, values: Ints) -> Ints:
         """Return integers of facets, (num_facets, k), at this rank's points, (n, k) (collective).
 
-        If facets share a point, the value of the last one is used.
+        If facets share a point, the point receives the value of the last facet.
         """
         number, blocks = self.number.ravel(), equal_blocks(self.count, comm.size)
         of_facet = np.column_stack([self.facet, values]).repeat(len(self.rule), axis=0)
@@ -84,7 +84,7 @@ def joint_points(
     area = (size * weights)[..., None]
     edge = np.broadcast_to(_shortest_edges(pairs.nodes, corners)[:, None, None], area.shape)
     values: Floats = np.concatenate([area, area * normal, edge, x], axis=2).reshape(-1, 8)
-    # Number the rule points of all facets, and collect those of a joint point on one rank.
+    # Number the rule points of all facets; collect all rule points of a joint point on one rank.
     place = (pairs.number[:, None] * len(rule) + np.arange(len(rule))).ravel()
     keys = _keys(pairs, corners, rule)
     rank = keys[:, 2] % comm.size
@@ -93,14 +93,14 @@ def joint_points(
     table, values = table[order], sent_to(comm, rank, values)[order]
     _, first, of = np.unique(table[:, 1:], axis=0, return_index=True, return_inverse=True)
     of, total = of.ravel(), pairs.count * len(rule)
-    sums, least = np.zeros((len(first), 4)), np.full(len(first), np.inf)
+    sums, shortest = np.zeros((len(first), 4)), np.full(len(first), np.inf)
     np.add.at(sums, of, values[:, :4])
-    np.minimum.at(least, of, values[:, 4])
+    np.minimum.at(shortest, of, values[:, 4])
     number, count = positions(comm, table[first, 0], total), comm.allreduce(len(first))
     share = values[:, 0] / sums[of, 0]
     areas, mean, sizes, points = (
         dealt(comm, count, number, column)
-        for column in (sums[:, 0], sums[:, 1:], least, values[first, 5:])
+        for column in (sums[:, 0], sums[:, 1:], shortest, values[first, 5:])
     )
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
     joint = dealt(comm, count, number, table[first, 1])
@@ -128,15 +128,15 @@ def joint_points(
 def _shortest_edges(nodes: Floats, corners: int) -> Floats:
     """Return the shortest edge of each facet, shape (num_facets,), [m]."""
     edges = np.array(basix.topology(facet_cell_type(corners))[1])
-    along = nodes[:, edges[:, 1]] - nodes[:, edges[:, 0]]
-    return np.linalg.norm(along, axis=2).min(axis=1)
+    vectors = nodes[:, edges[:, 1]] - nodes[:, edges[:, 0]]
+    return np.linalg.norm(vectors, axis=2).min(axis=1)
 
 
 def _keys(pairs: JointPairs, corners: int, rule: Floats) -> Ints:
     """Return keys that identify the joint points, a row per rule point of each facet.
 
-    The key of a point consists of its joint and the vertices, on both sides, of the sub-entity
-    (vertex, edge or facet) that contains it. Inside a facet the number in the rule is added.
+    The key of a point consists of the joint and the vertices, on both sides, of the sub-entity
+    (vertex, edge or facet) that contains the point. Points inside a facet add their rule number.
     """
     around = vertex_functions(corners, rule) > 1e-9  # vertices of the sub-entity
     keys = np.full((len(pairs.joint), len(rule), 2 + 2 * corners), -1, dtype=np.int64)

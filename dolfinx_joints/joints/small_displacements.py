@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Check of the assumption of small displacements: slip and opening small against the elements.
+"""Check of the assumption of small displacements: slip and opening are small against the elements.
 
-Joint points keep their initial partner and axes (paper eq. 1). This is wrong if the slip or opening
-reaches the size of an element.
+Joint points keep their initial partner points and axes (paper eq. 1). This assumption is wrong if
+slip or opening reaches the size of an element.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ LARGEST_JUMP = 0.1
 
 
 class SmallDisplacements:
-    """Record of the largest jump of each joint over the element size; warns once per joint.
+    """Record of the largest jump / element size of each joint; warns once per joint.
 
     Args:
-        contact: The joints, or None. Joints given by a matrix, without element sizes, are ignored.
+        contact: The joints, or None. Joints given by a matrix have no element sizes; ignored.
     """
 
     def __init__(self, contact: Contact | None) -> None:
@@ -37,12 +37,12 @@ class SmallDisplacements:
         self._largest: Floats = np.zeros(count)
         self._warned = np.zeros(count, dtype=bool)
 
-    def see(self, gap: Floats) -> None:
+    def record(self, gap: Floats) -> None:
         """Record the gaps of the local points including the initial gap, shape (n, 3), [m]."""
         if self._contact is None or self._sizes is None:
             return
         contact = self._contact
-        _see(gap, contact.initial_gap, self._sizes, contact.operator.joint, self._largest)
+        _record(gap, contact.initial_gap, self._sizes, contact.operator.joint, self._largest)
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Return the recorded data for a restart (collective)."""
@@ -61,10 +61,10 @@ class SmallDisplacements:
             self._largest[:], self._warned[:] = state_dict["largest"], state_dict["warned"]
 
     def warn(self, when: str) -> list[str]:
-        """Warn of joints above the limit since the last call; return rank 0's texts (collective).
+        """Warn of joints that newly exceed the limit; return the messages on rank 0 (collective).
 
         Args:
-            when: Time of the event, such as ``by t = 2 s``.
+            when: Text with the time for the message, such as ``by t = 2 s``.
         """
         messages: list[str] = []
         if self._contact is None or self._sizes is None:
@@ -85,7 +85,9 @@ class SmallDisplacements:
 
 
 @njit(cache=True)
-def _see(gap: Floats, initial: Floats, sizes: Floats, joint: NDArray[Any], largest: Floats) -> None:
+def _record(
+    gap: Floats, initial: Floats, sizes: Floats, joint: NDArray[Any], largest: Floats
+) -> None:
     """Update the largest relative jump of each joint."""
     for i in range(len(gap)):
         a, b, c = gap[i, 0] - initial[i, 0], gap[i, 1] - initial[i, 1], gap[i, 2] - initial[i, 2]

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Joint laws in UFL: a stored energy or a traction as a function of the gap vector.
 
-The gap (n, s1, s2) consists of the normal gap, including the initial gap, and the slip since the
-state at rest. UFL computes the derivatives and FFCx the C code.
+The gap (n, s1, s2) consists of the normal gap, including the initial gap, and the slip relative to
+the state at rest. UFL computes the derivatives, FFCx generates the C code.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ class PotentialJoint:
     uses the mean traction over the path of a step (`path_mean`).
 
     Attributes:
-        energy: Function that returns psi [J/m^2], a UFL scalar, for the gap, a UFL vector.
+        energy: Function of the gap (a UFL vector) that returns psi [J/m^2] (a UFL scalar).
         normal_stiffness: k_n of the closed joint, for modes and singular tangents.
         shear_stiffness: k_s of the closed joint, for modes and singular tangents.
 
     Raises:
-        ValueError: ``energy`` does not return a scalar expression of the gap alone.
+        ValueError: ``energy`` does not return a scalar expression that depends only on the gap.
     """
 
     energy: Callable[[Any], Any]
@@ -68,7 +68,7 @@ class PotentialJoint:
 
     def __repr__(self) -> str:
         """Return the energy as UFL text, and the stiffness."""
-        return self._points.described(**_stiffness(self))
+        return self._points.as_text(**_stiffness(self))
 
     def closed_stiffness(self) -> tuple[float, float]:
         """k_n and k_s, [Pa/m]."""
@@ -79,17 +79,17 @@ class PotentialJoint:
         return self._points.evaluate("energy", _gap_of(state))[:, 0]
 
     def backward_euler(self, gap: Floats, state: JointState) -> Response:
-        """Return the response at a gap of shape (n, 3), [m]; it does not depend on the history."""
+        """Return the response at a gap of shape (n, 3), [m], which does not depend on history."""
         after = _after(gap, state)
         return _response(after, *self._tractions(_gap_of(after)))
 
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
-        """Return the mean traction of a step, whose work is the change of psi; see `path_mean`."""
+        """Return the mean traction of a step; its work equals the change of psi (`path_mean`)."""
         after = _after(gap, state)
         return _response(after, *path_mean(self._tractions, _gap_of(state), _gap_of(after)))
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Return the losses: work of the traction minus the mean over the path."""
+        """Return the losses: work of (traction - mean traction over the path)."""
         start, end = _gap_of(before), _gap_of(answer.state)
         mean, _ = path_mean(self._tractions, start, end)
         return Losses(answer.dissipation, work(traction - mean, end - start))
@@ -114,25 +114,25 @@ class TractionJoint:
         )
 
     Internal variables are scalars. Update functions receive the gap at the end of the step and the
-    variables at its start. Traction and energy receive gap and variables of the same time. In
-    ``traction``, ``ufl.diff(psi(g, kappa), g)`` keeps the variables fixed.
+    variables at the start of the step. Traction and energy receive gap and variables of the same
+    time. In ``traction``, ``ufl.diff(psi(g, kappa), g)`` keeps the variables fixed.
 
     All schemes use the traction at the end of the step (backward Euler). The dissipation is the
-    work of the mean traction of both ends minus the change of the stored energy. The numerical loss
-    is obtained by difference, so the energy balance does not check the law (`LawWithLosses`).
-    Without ``energy`` all work counts as dissipated; energy returned by an elastic joint then is
+    work of the mean of start and end traction minus the change of the stored energy. The numerical
+    loss is obtained by difference, so the energy balance does not check the law (`LawWithLosses`).
+    Without ``energy`` all work counts as dissipation, so an elastic joint that returns energy has
     negative dissipation.
 
     Attributes:
-        traction: Function that returns t [Pa], a UFL vector of three, for the gap (n, s1, s2) and
-            the internal variables in their order.
+        traction: Function of the gap (n, s1, s2) and the internal variables in their order that
+            returns t [Pa], a UFL vector of three components.
         internal: Initial value and update function of each internal variable by name.
         energy: Function of the same arguments that returns the stored energy [J/m^2], or None.
         normal_stiffness: k_n of the closed joint, for modes and singular tangents.
         shear_stiffness: k_s of the closed joint, for modes and singular tangents.
 
     Raises:
-        ValueError: A function does not return a UFL expression of its arguments, of correct shape.
+        ValueError: A function does not return a UFL expression of its arguments of correct shape.
     """
 
     traction: Callable[..., Any]
@@ -163,7 +163,7 @@ class TractionJoint:
     def __repr__(self) -> str:
         """Return the expressions as UFL text, initial values and stiffness."""
         first = {name: float(value) for name, (value, _) in self.internal.items()}
-        return self._points.described(**first, **_stiffness(self))
+        return self._points.as_text(**first, **_stiffness(self))
 
     @property
     def internal_variables(self) -> tuple[str, ...]:
@@ -213,8 +213,8 @@ def _check_internal(owner: str, internal: Any) -> None:
 def _gap_of(state: JointState) -> Floats:
     """Return the gap passed to expressions: normal gap and slip since rest, (n, 3), [m].
 
-    A zero normal gap is replaced by a tiny negative one: it counts as closed, and UFL has no
-    derivative of ``min_value(g[0], 0.0)`` at zero.
+    A tiny negative value replaces a zero normal gap, which counts as closed: UFL has no derivative
+    of ``min_value(g[0], 0.0)`` at zero.
     """
     normal = np.where(state.gap[:, 0] == 0.0, -np.finfo(float).tiny, state.gap[:, 0])
     return np.column_stack([normal, state.elastic_slip])
@@ -227,7 +227,7 @@ def _after(gap: Floats, state: JointState) -> JointState:
 
 
 def _response(after: JointState, traction: Floats, tangent: Floats) -> Response:
-    """Return the response of a law without dissipation; its status follows from the normal gap.
+    """Return the response of a law without dissipation; the normal gap determines the status.
 
     Closed points without shear traction and shear tangent are frictionless.
     """

@@ -22,15 +22,15 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.laws.law import Floats
 
 _BLOCK = 1024  # points evaluated at a time
-_JIT = {"timeout": 60}  # longest time that a rank waits for the compilation by another [s]
+_JIT = {"timeout": 60}  # longest time that a rank waits for another rank to compile [s]
 _OF_A_MESH = (Constant, FormArgument, GeometricQuantity)
 
 
 class UflPoints:
     """UFL expressions of gap and internal variables, evaluated for arrays of points.
 
-    They are evaluated on a private mesh with one cell per point of a block, where gap and variables
-    are constant.
+    The evaluation uses a private mesh with one cell per point; gap and variables are constant in
+    each cell.
 
     Args:
         owner: Name of the law, for messages.
@@ -52,10 +52,10 @@ class UflPoints:
         self._compiled: dict[str, tuple[fem.Expression, int]] = {}
 
     def expression(self, label: str, function: Callable[..., Any], size: int = 1) -> Any:
-        """Return the expression that a function gives for gap and internal variables.
+        """Return the UFL expression of a function of gap and internal variables.
 
         Raises:
-            ValueError: The function fails, or the expression has another size or other terminals.
+            ValueError: The function fails, or the expression has another size or other arguments.
         """
         kind = "a UFL scalar" if size == 1 else f"a UFL vector of {size} components"
         wanted = f"it must be {kind} that depends on gap and internal variables only."
@@ -81,13 +81,13 @@ class UflPoints:
         return result
 
     def compile(self, name: str, *expressions: Any) -> None:
-        """Compile the components of some expressions as one vector, for `evaluate`.
+        """Compile the components of expressions as one vector, for `evaluate`.
 
         Raises:
-            ValueError: FFCx cannot compile them.
+            ValueError: FFCx cannot compile the vector.
         """
         parts = [e[i] if i else e for e in expressions for i in np.ndindex(e.ufl_shape)]
-        # Append the gap: an expression of constants alone has no mesh.
+        # Append the gap, because an expression that contains only constants has no mesh.
         vector = ufl.as_vector([*parts, self._gap[0]])
         middle = np.array([[0.5]])
         try:
@@ -104,7 +104,7 @@ class UflPoints:
         Args:
             name: Name given to `compile`.
             gap: Gap, shape (n, 3), [m].
-            internal: Internal variables, shape (n, number of variables); None without.
+            internal: Internal variables, shape (n, number of variables), or None.
         """
         compiled, size = self._compiled[name]
         values = np.empty((len(gap), size))
@@ -119,8 +119,8 @@ class UflPoints:
             values[first : first + _BLOCK] = result[:, :size]
         return values
 
-    def described(self, **values: float) -> str:
-        """Return the law as text: its expressions, and values by name."""
+    def as_text(self, **values: float) -> str:
+        """Return the law as text, with its expressions and the given values by name."""
         numbers = [f"{name}={value!r}" for name, value in values.items()]
         return f"{self._owner}({', '.join([*self._texts, *numbers])})"
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Friction of a law, given as an angle or as a coefficient."""
+"""Friction parameter of a law, given as an angle or as a coefficient."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 
 
 def set_friction(law: Any) -> tuple[float, float]:
-    """Return friction coefficient and angle [degrees] of a law, and set the missing one of them.
+    """Return friction coefficient and angle [degrees] of a law; set the parameter that is missing.
 
-    Both may be given if they agree: ``dataclasses.replace`` passes both.
+    Both parameters may be given if they agree, because ``dataclasses.replace`` passes both.
 
     Raises:
         ValueError: Both are missing, or they contradict each other.

@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Coulomb friction without tension, the law of the paper: functions of a point, and the law.
+"""Coulomb friction without tension, the law of the paper: functions of one point, and the law.
 
-This module has the backward Euler rule (end of a step); the rule over a whole step is in
-`discrete_gradient`. Numbers in brackets are equation numbers of docs/theory.
+This module contains the backward Euler rule (traction at the end of a step). The rule over a whole
+step is in `discrete_gradient`. Numbers in brackets are equation numbers of docs/theory.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ from dolfinx_joints.laws.points.return_mapping import (
     closed_form_loop,
     closed_status,
     law_of,
-    put_nothing,
     put_traction,
+    put_zeros,
     response_of,
     return_to_limit,
     yield_function,
@@ -55,9 +55,9 @@ from dolfinx_joints.laws.points.return_mapping import (
 
 @inline
 def normal_traction(h_n: float, c_n: float, law: Coulomb) -> Vector:
-    """Return t_n = h_n / (c_n + d_n) of a closed point, see (4) and (21), and its derivative."""
+    """Return t_n = h_n / (c_n + d_n) of a closed point, (4) and (21), and d t_n / d h_n."""
     total = c_n + law.normal_compliance
-    stiffness = 1.0 / total if total > 0.0 else 0.0  # zero: rigid, with both sides constrained
+    stiffness = 1.0 / total if total > 0.0 else 0.0  # zero: rigid, both sides constrained
     return stiffness * h_n, stiffness
 
 
@@ -68,7 +68,7 @@ def trial_traction(
     """Return the trial traction t_tr = (e0 + h_s - g_s0) / (c_s + d_s / theta), see (6), (8), (21).
 
     Args:
-        slip: Elastic slip at the start plus slip of the step, e0 + h_s - g_s0, [m].
+        slip: Elastic slip at the start plus trial slip of the step, e0 + h_s - g_s0, [m].
         opening: Normal gap at the start, zero if closed, [m].
         t_n: Normal traction [Pa].
         stiffness: d t_n / d h_n [Pa/m].
@@ -88,7 +88,7 @@ def trial_traction(
 
 @inline
 def friction_work(before: Vector, t_s: Vector, plastic: Vector, d_s: float) -> float:
-    """Return mean shear traction times plastic slip, [J/m^2]; a rigid point uses that at the end.
+    """Return mean shear traction times plastic slip [J/m^2]; in rigid joints the end traction.
 
     Args:
         before: Elastic slip at the start [m].
@@ -105,14 +105,14 @@ def friction_work(before: Vector, t_s: Vector, plastic: Vector, d_s: float) -> f
 @inline
 def backward_euler_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
     """Compute the response at the end of a step; on entry ``answer.gap`` is the trial gap."""
-    put_nothing(i, answer)
+    put_zeros(i, answer)
     law, gap, end = law_of(start.parameters), start.gap[i], answer.gap[i]
     d_n, d_s, mu = law.normal_compliance, law.shear_compliance, law.friction
     h_n, opening = end[0], max(gap[0], 0.0)
     e_1, e_2 = start.history[i, 0], start.history[i, 1]
     slip_1, slip_2 = end[1] - gap[1], end[2] - gap[2]
     if h_n > 0.0:
-        # Open: t = 0. All slip becomes plastic; slip of a point that was open meets no friction.
+        # Open: t = 0. All slip becomes plastic; slip while the point is open has no friction work.
         theta = 0.0 if opening > 0.0 else 1.0
         plastic = (theta * slip_1 + e_1, theta * slip_2 + e_2)
         answer.dissipation[i] = friction_work((e_1, e_2), (0.0, 0.0), plastic, d_s)
@@ -127,7 +127,7 @@ def backward_euler_on(i: int, c_n: float, c_s: float, start: Start, answer: Answ
     answer.status[i] = closed_status(slides, law)
     put_traction(i, t_n, stiffness, shear, answer.traction, answer.tangent)
     t_1, t_2 = shear.traction
-    if c_n > 0.0:  # in a stiff joint the overlap is more accurate from the traction
+    if c_n > 0.0:  # in a stiff joint the traction gives a more accurate overlap than h - c t
         end[0] = d_n * t_n
     end[1] -= c_s * t_1
     end[2] -= c_s * t_2
@@ -158,10 +158,10 @@ class FrictionNoTension(EnergyConsistentContact):
     Open (gap_n > 0): t = 0. Closed: t_n = k_n gap_n, t_s = k_s e with |t_s| <= -t_n tan(alpha). The
     flow rule is not associated (plastic potential |t_s|), so the tangent is unsymmetric. On opening
     the elastic slip e becomes zero and all slip is plastic. If a point closes within a step, only
-    its slip after closing loads it. On a straight path this is the fraction
+    the slip after closing causes shear. On a straight path this is the fraction
     gap_n1 / (gap_n1 - gap_n0) of the slip increment.
 
-    Departure from the paper: compression is negative here, so its yield function
+    Departure from the paper: compression is negative here, so the paper's yield function
     |t_s| - t_n tan(alpha) becomes |t_s| + t_n tan(alpha).
 
     Attributes:
@@ -212,7 +212,7 @@ class FrictionNoTension(EnergyConsistentContact):
             law = Coulomb(1.0 / k_n, *shear, mu)
             return Start(state.gap, state.elastic_slip, np.array(law, dtype=np.float64))
         stored = stored_by(state, k_n, k_s)
-        # With zero shear stiffness no shear traction builds up: treat the joint as frictionless.
+        # Without shear stiffness no shear traction builds up: treat the joint as frictionless.
         law = Coulomb(1.0 / k_n, 1.0 / (k_s or k_n), k_n / (k_s or k_n), mu if k_s else 0.0)
         return whole_step_from(state, stored, law)
 
@@ -230,7 +230,7 @@ class FrictionNoTension(EnergyConsistentContact):
 def frictionless(
     *, normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
 ) -> FrictionNoTension:
-    """Return a law that transmits pressure only: no tension, no shear.
+    """Return a law that transmits only pressure: no tension, no shear.
 
     Args:
         normal_stiffness: k_n.

@@ -26,7 +26,7 @@ class Inactive:
     def condensed_backward_euler(
         self, trial_gap: Floats, compliance: Floats, state: JointState
     ) -> Response:
-        """Return zero traction; without traction the gap equals the trial gap."""
+        """Return zero traction, so that the gap equals the trial gap."""
         return self.backward_euler(trial_gap, state)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:

@@ -34,7 +34,7 @@ from dolfinx_joints.laws.points.return_mapping import (
     Start,
     at_gap,
     closed_form_loop,
-    put_nothing,
+    put_zeros,
     response_of,
 )
 
@@ -51,7 +51,7 @@ def keyed_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> No
     k_n, k_s, mean = start.parameters[0], start.parameters[1], start.parameters[2]
     law = Coulomb(1.0 / k_n, 1.0 / k_n, 1.0, 0.0)
     before, gap, slip = start.gap[i], answer.gap[i], start.history[i]
-    put_nothing(i, answer)
+    put_zeros(i, answer)
     if mean < 1.0:
         overlap = min(before[0], 0.0)
         energy = 0.5 * k_n * overlap * overlap
@@ -114,5 +114,5 @@ class KeyedJoint(EnergyConsistentContact):
         return Start(state.gap, state.elastic_slip, np.array(row))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
-        """Return the response, whose history is the elastic slip."""
+        """Return the response; the history variables are the elastic slip."""
         return response_of(answer, elastic_slip=answer.history)

@@ -4,10 +4,10 @@
 
 A law receives the gap vector of each joint point in the local frame (n, s1, s2), including the
 initial gap. A point is open if ``gap[:, 0] > 0`` and closed otherwise; tractions are negative in
-compression. A law never changes the state that it receives; it returns the new state, which the
+compression. A law never changes the state that it receives. It returns the new state, which the
 caller keeps if the step is accepted.
 
-A joint takes a `Law`, or a `CondensedLaw` with the condensed solver only. Optional protocols:
+A joint requires a `Law`; with the condensed solver a `CondensedLaw` suffices. Optional protocols:
 `EnergyConsistentLaw`, `CondensedEnergyConsistentLaw`, `LawWithHistory`, `RateDependentLaw`,
 `LawWithLosses`.
 """
@@ -36,10 +36,10 @@ class Status(IntEnum):
     Attributes:
         OPEN: The two sides do not touch.
         STICK: Closed, below the limit of the shear traction.
-        SLIP: Closed, at the limit.
+        SLIP: Closed, at the limit of the shear traction.
         FRICTIONLESS: Closed, without shear resistance: neither friction nor bond.
-        TIED: At the end of a joint inside a body, where both sides share their nodes. It is set by
-            `Contact.shown_status`, never by a law.
+        TIED: At the end of a joint inside a body, where both sides share their nodes. Only
+            `Contact.shown_status` sets this value, never a law.
     """
 
     OPEN = 0
@@ -71,8 +71,8 @@ class Rule:
 
     Attributes:
         name: Name of the law's method.
-        weight: d traction / d gap of a sticking point over its stiffness k: 1 at the end of a step,
-            1/2 over a whole step.
+        weight: d traction / d gap of a sticking point divided by its stiffness k: 1 for the
+            traction at the end of a step, 1/2 for the mean over a whole step.
         dt: Length of the step [s], infinite in statics.
     """
 
@@ -100,9 +100,9 @@ class JointState:
         internal: Internal variables (history variables) of the laws, shape (n, m).
         slips: Plastic slips of the last two steps [m], latest first, scaled to the length of the
             next step, and half the last friction work [J/m^2]. Shape (n, 5), or empty if no law
-            uses them. They predict slip reversal within a step (`turning`).
+            uses slips. They predict slip reversal within a step (`turning`).
         approach: Normal gap change of a step at its initial velocity, shape (n,), [m]. A scheme
-            sets it for laws whose points do not rebound; otherwise it is empty.
+            sets this array for laws whose points do not rebound; otherwise it is empty.
     """
 
     gap: Floats
@@ -134,7 +134,7 @@ class Response:
     Attributes:
         traction: (n, s1, s2) components, shape (n, 3), [Pa].
         tangent: d traction / d gap, shape (n, 3, 3), [Pa/m].
-        state: State to keep if the step is accepted.
+        state: New state, which becomes the committed state if the step is accepted.
         dissipation: Friction work of the step per area, shape (n,), [J/m^2]. For backward Euler it
             is the mean of the law's tractions at both ends times the plastic slip in contact
             (trapezoidal rule). It may be negative if slip reverses within a long step.
@@ -166,8 +166,8 @@ class Law(Protocol):
 class EnergyConsistentLaw(Law, Protocol):
     """Joint law that can also be evaluated over a whole step.
 
-    For other laws, energy-consistent schemes use `Law.backward_euler` and count its losses as
-    numerical (`LawWithLosses`).
+    For other laws, energy-consistent schemes use `Law.backward_euler`; its energy losses then count
+    as numerical (`LawWithLosses`).
     """
 
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
@@ -180,7 +180,7 @@ class Losses(NamedTuple):
     Attributes:
         friction: Dissipation of the law.
         numerical: Dissipation of the time scheme; an energy gain if negative.
-        impact: Loss at points that strike and do not rebound.
+        impact: Loss at points that close without rebound.
     """
 
     friction: Floats
@@ -202,7 +202,7 @@ class LawWithLosses(Protocol):
         Args:
             before: State at the start of the step.
             answer: Response of the law.
-            traction: Traction at the end, or mean of both ends, shape (n, 3), [Pa].
+            traction: Traction at the end of the step, or mean of start and end, (n, 3), [Pa].
         """
 
 
@@ -260,24 +260,24 @@ class LawWithHistory(Protocol):
 
 
 # States of a bond or shear key. During the solution of a step an intact bond is either locked
-# (`HELD`: it cannot break) or `RELEASED` (it breaks in this step). A locked bond that is loaded
-# beyond its strength has the value -load / strength, which is below `HELD`.
+# (`HELD`: the bond cannot break) or `RELEASED` (the bond breaks in this step). A locked bond that
+# is loaded beyond its strength has the value -load / strength, which is below `HELD`.
 INTACT, BROKEN, HELD, RELEASED = 0.0, 1.0, -1.0, 0.5
 LARGEST_OVERLOAD = 1e9  # load / strength of a loaded bond without strength
 
-# Relative excess of load over strength at which a bond does not break yet. Otherwise rounding would
-# decide about a bond that is loaded exactly to its strength, as in tests and symmetric models. The
-# error of computed loads is at most 1e-10.
-BORNE = 1e-9
+# Largest value of load / strength - 1 at which a bond does not break. Otherwise rounding error
+# would decide whether a bond that is loaded exactly to its strength breaks, as in symmetric models.
+# The error of computed loads is at most 1e-10.
+OVERLOAD_ROUNDING = 1e-9
 
 
 @runtime_checkable
 class BrittleLaw(LawWithHistory, Protocol):
     """Joint law with bonds that break permanently; the first internal variable is the bond state.
 
-    Solvers lock the bonds during a step and release those that the converged solution overloads.
-    Otherwise a bond broken by an intermediate iterate would stay broken. A locked bond responds
-    elastically; `bond_under` of `points.return_mapping` gives its new bond variable.
+    Solvers lock the bonds during a step and release the bonds that the converged solution
+    overloads. Otherwise a bond broken by an intermediate iterate would stay broken. A locked bond
+    is elastic; `bond_under` of `points.return_mapping` returns its new bond variable.
     """
 
     breaks: ClassVar[bool]
@@ -289,7 +289,7 @@ def has_bonds(law: Any) -> bool:
 
 
 def with_bonds(internal: Floats, released: NDArray[np.bool_]) -> Floats:
-    """Return internal variables of a brittle law, intact bonds locked or released, (n, m)."""
+    """Return internal variables (n, m) of a brittle law with intact bonds locked or released."""
     variables, bonds = internal.copy(), np.where(released, RELEASED, HELD)
     variables[:, 0] = np.where(internal[:, 0] == INTACT, bonds, internal[:, 0])
     return variables
@@ -297,7 +297,7 @@ def with_bonds(internal: Floats, released: NDArray[np.bool_]) -> Floats:
 
 @runtime_checkable
 class RateDependentLaw(Law, Protocol):
-    """Joint law that depends on the rate of the gap; its other methods are for statics."""
+    """Joint law that depends on the rate of the gap; statics use its other methods."""
 
     def for_step(self, dt: float) -> Law:
         """Return the law for a step of length dt [s], infinite in statics."""
@@ -318,9 +318,9 @@ def check_law(name: str, law: Any) -> None:
 
 @cache
 def changes_gap_methods(cls: type) -> bool:
-    """Return True if a subclass of a compiled or condensed law overrides its methods at a gap.
+    """Return True if a subclass of a compiled or condensed law overrides the methods at a gap.
 
-    Its responses on a compliance then follow from these methods, not from the inherited ones.
+    The response on a compliance is then computed from these methods, not by inherited ones.
     """
 
     def depth(*names: str) -> int:

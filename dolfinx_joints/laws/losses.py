@@ -1,15 +1,15 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Energy losses of a step in a joint, from the parts of the gap change: elastic, plastic, flight.
+"""Energy losses of a step in a joint, from the elastic, plastic and flight parts of the gap change.
 
-Let m be the mean of the law's tractions at both ends of the step. Then m . elastic is the change of
-a quadratic stored energy, and m . plastic is the friction work of the law. A traction t loses
+Let m be the mean of the law's tractions at start and end of a step. Then m . elastic is the change
+of a quadratic stored energy, and m . plastic is the friction work of the law. The losses of a
+traction t that acts during the step are
 
     friction D_f = m . plastic + (t - m) . plastic,
     numerical D_num = t . flight + (t - m) . elastic.                                       (30)
 
-If t is the traction at the end of the step, D_num = t . flight + change . k change / 2 with the
-elastic change; it is never negative.
+If t is the traction at the end, D_num = t . flight + elastic . k elastic / 2 >= 0, stiffness k.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def losses_on(change: GapChange, traction: Floats, mean: Floats, dissipation: Fl
     Args:
         change: Parts of the gap change.
         traction: Traction that acts over the step, shape (n, 3), [Pa].
-        mean: Mean of the law's tractions at both ends, shape (n, 3), [Pa].
+        mean: Mean of the law's tractions at start and end, shape (n, 3), [Pa].
         dissipation: Friction work of the law, mean . plastic, shape (n,), [J/m^2].
     """
     excess = traction - mean
@@ -70,9 +70,9 @@ def losses_on(change: GapChange, traction: Floats, mean: Floats, dissipation: Fl
 
 
 def losses_of(law: AnyLaw, before: JointState, answer: Response, traction: Floats) -> Losses:
-    """Return the losses of a step by the law's formulas, or the numerical loss by difference.
+    """Return the losses of a step by the law's method, or with the numerical loss by difference.
 
-    See `LawWithLosses.losses` for the arguments.
+    The arguments are those of `LawWithLosses.losses`.
     """
     if isinstance(law, LawWithLosses):
         return law.losses(before, answer, traction)

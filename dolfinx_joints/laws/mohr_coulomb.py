@@ -18,10 +18,10 @@ from dolfinx_joints.common.kernels import inline
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
-    BORNE,
     BROKEN,
     HELD,
     INTACT,
+    OVERLOAD_ROUNDING,
     Floats,
     JointState,
     Losses,
@@ -40,14 +40,14 @@ from dolfinx_joints.laws.points.return_mapping import (
     bond_under,
     contact_fraction,
     overload,
-    put_nothing,
+    put_zeros,
     response_of,
 )
 
-# Opening at the start of a step, relative to its slip, below which a point counts as touching and
-# may ride up on its slip. The traction jumps between touching and open, and the gap of a touching
-# point without pressure is rounding error (1e-16 of the displacements). Mesh and step do not
-# resolve openings of 1e-9 of the slip.
+# A point counts as touching, and its slip dilates the joint, if the opening at the start of a step
+# divided by the slip of the step is below this value. The traction jumps between touching and open,
+# and the gap of a touching point without pressure is rounding error (1e-16 of the displacements).
+# Mesh and step do not resolve openings of 1e-9 of the slip.
 TOUCHING = 1e-9
 
 
@@ -64,8 +64,8 @@ class Bonded(NamedTuple):
 
 @inline
 def bonded_point(i: int, start: Start, answer: Answer) -> None:
-    """Compute the response of an intact or broken point at its gap at the end of a step."""
-    put_nothing(i, answer)
+    """Compute the response of an intact or broken point at the end of a step."""
+    put_zeros(i, answer)
     p = start.parameters
     law = Bonded(p[0], p[1], p[2], p[3], p[4], p[5])
     gap, before, bond = answer.gap[i], start.gap[i], start.history[i, 2]
@@ -74,7 +74,7 @@ def bonded_point(i: int, start: Start, answer: Answer) -> None:
         start.history[i, 1] + gap[2] - before[2],
     )
     ratio = _overload(gap[0], slip, law)
-    if bond != HELD and not (bond == INTACT and ratio <= 1.0 + BORNE):
+    if bond != HELD and not (bond == INTACT and ratio <= 1.0 + OVERLOAD_ROUNDING):
         _slide(i, slip, law, start, answer)
         return
     k_n, k_s = law.normal_stiffness, law.shear_stiffness
@@ -93,10 +93,10 @@ def _overload(gap_n: float, slip: Vector, law: Bonded) -> float:
     """Return load / strength of a bond at a normal gap and an elastic slip [m]."""
     t_n = law.normal_stiffness * gap_n
     shear = law.shear_stiffness * np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
-    # Ignore rounding error in t_n: a bond without tensile strength would break.
-    pulled = t_n if t_n > BORNE * law.cohesion else 0.0
+    # Ignore rounding error in t_n, which would break a bond without tensile strength.
+    tension = t_n if t_n > OVERLOAD_ROUNDING * law.cohesion else 0.0
     strength = law.cohesion - law.friction * t_n
-    return max(overload(pulled, law.tensile_strength), overload(shear, strength))
+    return max(overload(tension, law.tensile_strength), overload(shear, strength))
 
 
 @inline
@@ -110,13 +110,13 @@ def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> N
         start_gap = before[0] - dilation
         slip_size = np.sqrt((gap[1] - before[1]) ** 2 + (gap[2] - before[2]) ** 2)
         start_gap = min(start_gap, 0.0) if start_gap <= TOUCHING * slip_size else start_gap
-    # A closed point stays closed if its gap is below the dilation due to its whole trial slip.
+    # A closed point stays closed if its gap is below the dilation due to the whole trial slip.
     stays, length = start_gap <= 0.0 and k_s > 0.0, np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
     rise = tan_psi * length if stays else 0.0
     elastic = gap[0] - dilation
     answer.history[i, 2], answer.history[i, 3] = BROKEN, dilation
     if elastic > rise:
-        # A point that opens dilates by its slip until the opening, on a straight path.
+        # The slip of a point before it opens, on a straight path, dilates the joint.
         if stays:
             answer.history[i, 3] += rise * (-start_gap / (elastic - rise - start_gap))
         return
@@ -131,10 +131,10 @@ def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> N
     safe = size if size > 0.0 else 1.0
     ratio = -mu * t_n / safe if slides else 1.0
     # Derivatives of the trial shear traction, of the slip length, then of the tractions.
-    approach, along = start_gap - elastic, answer.tangent[i]
+    approach, derivative = start_gap - elastic, answer.tangent[i]
     rate = -(start_gap / approach) / approach if closes else 0.0
     direction = (trial[0] / safe, trial[1] / safe)
-    along[0, 0] = k_n
+    derivative[0, 0] = k_n
     for b in range(3):
         across = (
             k_s * (rate * slip[0] if b == 0 else theta if b == 1 else 0.0),
@@ -142,14 +142,14 @@ def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> N
         )
         stretch = direction[0] * across[0] + direction[1] * across[1]
         if slides:
-            longer = stretch + (mu * k_n if b == 0 else 0.0)
-            along[0, b] -= k_n * tan_psi * longer / (hardening if hardening > 0.0 else 1.0)
+            slope = stretch + (mu * k_n if b == 0 else 0.0)
+            derivative[0, b] -= k_n * tan_psi * slope / (hardening if hardening > 0.0 else 1.0)
         for a in range(2):
             if slides:
-                turned = across[a] - direction[a] * stretch
-                along[1 + a, b] = ratio * turned - direction[a] * mu * along[0, b]
+                turning = across[a] - direction[a] * stretch
+                derivative[1 + a, b] = ratio * turning - direction[a] * mu * derivative[0, b]
             else:
-                along[1 + a, b] = ratio * across[a]
+                derivative[1 + a, b] = ratio * across[a]
     has_friction = mu > 0.0 and k_s > 0.0
     answer.status[i] = (SLIP if slides else STICK) if has_friction else FRICTIONLESS
     answer.traction[i, 0] = t_n
@@ -171,10 +171,10 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
         |t_s| + t_n tan(alpha) <= 0,   plastic potential |t_s| + t_n tan(psi).
 
     Slip of length lambda dilates the joint by p = lambda tan(psi). If the joint is confined, the
-    pressure increases: t_n = k_n (gap_n - p). The point is open if this would be positive. p never
-    decreases, neither on slip reversal nor on opening. It has no upper limit, so use psi for small
-    slip only. With c = f_t = psi = 0 the law is `FrictionNoTension`. Points with an initial gap
-    have no bond.
+    pressure increases: t_n = k_n (gap_n - p). The point is open if t_n would be positive. The
+    dilation p never decreases, neither on slip reversal nor on opening. It has no upper limit, so
+    use psi only for small slip. With c = f_t = psi = 0 the law equals `FrictionNoTension`. Points
+    with an initial gap have no bond.
 
     Internal variables: ``broken`` (0 or 1) and ``dilation`` p [m].
 
@@ -246,7 +246,7 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
         return np.column_stack([np.where(bonded, INTACT, BROKEN), np.zeros(len(gap))])
 
     def stored_energy(self, state: JointState) -> Floats:
-        """Return k_n g^2 / 2 + k_s |e|^2 / 2, g being the elastic normal gap, (n,), [J/m^2]."""
+        """Return k_n g^2 / 2 + k_s |e|^2 / 2 with the elastic normal gap g, (n,), [J/m^2]."""
         slip = np.einsum("ij,ij->i", state.elastic_slip, state.elastic_slip)
         normal = self._elastic_gap(state)
         return 0.5 * self.normal_stiffness * normal**2 + 0.5 * self.shear_stiffness * slip
@@ -265,7 +265,7 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
         return Start(state.gap, history, np.array(parameters))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
-        """Return the response; its dissipation is that of friction, dilatancy and breaking bonds.
+        """Return the response; it dissipates energy by friction, dilatancy and breaking bonds.
 
         The status of an intact point is STICK, or FRICTIONLESS without shear stiffness.
         """
@@ -285,11 +285,11 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
         return losses_on(change, traction, mean, answer.dissipation)
 
     def _gap_change(self, before: JointState, after: JointState) -> GapChange:
-        """Return the parts of the gap change; if a bond breaks, all but the elastic is plastic."""
+        """Return the parts of the gap change; if a bond breaks, there is no flight part."""
         broken, breaks = before.internal[:, 0] == BROKEN, _breaks(before, after)
         dilation, change = before.internal[:, 1], after.gap - before.gap
         elastic = self._elastic(after) - self._elastic(before)
-        # Slip while the point is open meets no friction.
+        # Slip while the point is open has no friction work.
         fraction = contact_fraction(
             np.where(broken, _start_gap(before, after.gap), 0.0),
             np.minimum(after.gap[:, 0] - dilation, 0.0),
@@ -328,7 +328,7 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
 def _start_gap(state: JointState, gap: Floats) -> Floats:
     """Return normal gap minus dilation at the start of a step, shape (n,), [m].
 
-    Openings below `TOUCHING` times the slip of the step are set to zero.
+    Openings below `TOUCHING` times the slip of the step are replaced by zero.
 
     Args:
         state: State at the start.

@@ -6,10 +6,10 @@ With d = g1 - g0 and t = psi'(g),
 
     t_mean = integral of t(g0 + s d) over s from 0 to 1,      t_mean . d = psi(g1) - psi(g0),
 
-so that the work of the step equals the change of the stored energy. The mean is of second order and
-symmetric in time. Its derivative by g1, the integral of s psi''(g0 + s d), is a symmetric matrix.
-Nothing is divided by d and no energies are subtracted, so very short steps lose no digits. A
-projection of the missing energy onto d would lose digits.
+where g0 and g1 are the gaps at start and end of the step and psi is the stored energy. The work of
+the step equals the change of psi. The mean has second order and is symmetric in time. Its
+derivative by g1, the integral of s psi''(g0 + s d), is a symmetric matrix. There is no division by
+d and no difference of energies, so very short steps lose no digits.
 
 The quadrature is exact to rounding even if the path crosses kinks of t. The path is split at the
 point where the joint opens or closes, and bisected around any other kink.
@@ -25,14 +25,14 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.laws.law import Floats
 
-# Six-point Gauss rule on (0, 1); both ends are added to detect kinks close to them.
+# Six-point Gauss rule on (0, 1); both ends are added to detect kinks close to the ends.
 _GAUSS = np.polynomial.legendre.leggauss(6)
 _PLACES: Floats = np.concatenate([[0.0], 0.5 + 0.5 * _GAUSS[0], [1.0]])
 _WEIGHTS: Floats = np.concatenate([[0.0], 0.5 * _GAUSS[1], [0.0]])
 
 # `_REST` subtracts the best polynomial of degree 5 from the values at the eight points. If the
-# residual is 1e-9 of the traction, a smooth traction is integrated to rounding error. Around a kink
-# the interval is then so short that the error is 1e-9 of its small work.
+# remainder is below 1e-9 of the traction, the integral of a smooth traction is exact to rounding.
+# Around a kink the interval is then so short that the error is 1e-9 of the small work in it.
 _POLYNOMIALS = np.linalg.qr(np.vander(_PLACES - 0.5, 6))[0]
 _REST = np.eye(8) - _POLYNOMIALS @ _POLYNOMIALS.T
 _SMALL, _EPS = 1e-9, float(np.finfo(float).eps)
@@ -43,11 +43,11 @@ _MOST_PIECES = 64  # rough intervals per path; more are caused by rounding error
 def path_mean(
     tractions: Callable[[Floats], tuple[Floats, Floats]], before: Floats, after: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the mean traction over straight paths, and its derivative by their ends.
+    """Return the mean traction over straight paths, and the derivative by the end gaps.
 
     Args:
         tractions: Function of gaps, shape (m, 3), [m], that returns the traction, shape (m, 3),
-            [Pa], and its derivative, shape (m, 3, 3), [Pa/m]. The traction is continuous.
+            [Pa], and its derivative, shape (m, 3, 3), [Pa/m]. The traction must be continuous.
         before: Gap at the start, shape (n, 3), [m].
         after: Gap at the end, shape (n, 3), [m].
 
@@ -82,7 +82,7 @@ def path_mean(
 
 
 def _cut_at_contact(before: Floats, after: Floats) -> tuple[NDArray[Any], Floats, Floats]:
-    """Return point number, start and end (0 to 1) of the intervals of all paths."""
+    """Return point number, start and end (0 to 1) of each interval of the paths."""
     points = np.arange(len(before))
     crosses = np.flatnonzero((before > 0.0) != (after > 0.0))
     place = before[crosses] / (before[crosses] - after[crosses])

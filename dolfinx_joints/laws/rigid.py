@@ -27,24 +27,24 @@ from dolfinx_joints.laws.points.return_mapping import Answer, Coulomb, Start, re
 class RigidJoint(CompiledEnergyConsistentLaw):
     """`FrictionNoTension` with infinite k_n and k_s of a given ratio.
 
-    Its tractions follow from the structure, not from the gap, so it is only a `CondensedLaw`. In
-    the energy-consistent scheme with restitution 1, a striking point stores its impact energy and
-    releases it on opening. With restitution 0 it stops and loses its kinetic energy. In statics and
-    in backward Euler schemes the joint stores no energy.
+    The structure determines the tractions, not the gap, so the law is only a `CondensedLaw`. In the
+    energy-consistent scheme with restitution 1, a closing point stores the impact energy and
+    releases it on opening. With restitution 0 the point stops and loses its kinetic energy. In
+    statics and in backward Euler schemes the joint stores no energy.
 
     With restitution 1, joint nodes with mass rebound repeatedly, in a sequence that does not
-    converge with the time step. The friction work is then uncertain by some per cent. It converges
+    converge with the time step. The friction work then has an error of some per cent. It converges
     with restitution 0, or without mass at the joint nodes (`Body(redistribute_mass=True)`).
 
-    Internal variables: the energy stored in normal contact [J/m^2] and the square root of the shear
-    energy, two components [(J/m^2)^(1/2)]. With restitution 0 it is a single one: 1 if the point
-    was under pressure in the last step, else 0.
+    Internal variables: the energy stored in normal contact [J/m^2] and a vector q with the shear
+    energy |q|^2 / 2, two components [(J/m^2)^(1/2)]. With restitution 0 there is one variable: 1 if
+    the point was under pressure in the last step, else 0.
 
     Attributes:
         friction_angle_deg: alpha; give either this or `friction_coefficient`.
         friction_coefficient: Mu = tan(alpha).
-        stiffness_ratio: k_n / k_s. It limits the stored shear energy while the pressure decreases.
-        restitution: Ratio of the speeds after and before an impact, 0 or 1. With 0 a striking point
+        stiffness_ratio: k_n / k_s; limits the stored shear energy while the pressure decreases.
+        restitution: Ratio of the speeds after and before an impact, 0 or 1. With 0 a closing point
             overlaps by at most half the displacement of a step.
 
     Raises:
@@ -102,13 +102,13 @@ class RigidJoint(CompiledEnergyConsistentLaw):
         return lost
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Return the losses (30) of a backward Euler step, plus the energy stored before it."""
+        """Return the losses (30) of a backward Euler step, plus the energy stored at its start."""
         change = friction_gap_change(before, answer.state)
         lost = losses_on(change, traction, answer.traction, answer.dissipation)
         return lost._replace(numerical=lost.numerical + self.stored_energy(before))
 
     def loop_start(self, rule: Rule, state: JointState) -> Start:
-        """Return the start of a step: (21) at its end has no stored energies, (17) has."""
+        """Return the start of a step; only the rule over whole steps (17) has stored energies."""
         law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self), self.restitution == 1)
         if rule.name == BACKWARD_EULER.name:
             return Start(state.gap, state.elastic_slip, np.array(law, dtype=np.float64))
@@ -118,7 +118,7 @@ class RigidJoint(CompiledEnergyConsistentLaw):
         return whole_step_from(state, None, law, np.column_stack([approach, state.internal[:, 0]]))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
-        """Return the response with the internal variables at the end."""
+        """Return the response with the internal variables at the end of the step."""
         if rule.name == BACKWARD_EULER.name:
             internal = np.zeros((len(answer.traction), len(self.internal_variables)))
             if not self.restitution:

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-r"""Joint with shear keys: their teeth block slip, let the joint ride up on them, and shear off.
+r"""Joint with shear keys: the teeth block slip, the joint rides up on them, and they shear off.
 
     crest                ______
                         /      \          flanks at the angle alpha, depth d
@@ -56,24 +56,24 @@ from dolfinx_joints.laws.points.return_mapping import Answer, Coulomb, Start, re
 class ShearKeyJoint(EnergyConsistentContact):
     """Friction joint with shear keys, teeth of trapezoidal or triangular section.
 
-    Slip along the keys, and across them within the play, is resisted by friction on the base.
-    Beyond the play a flank closes and the joint rides up on it. It then opens by slip times
-    tan(alpha), and its shear is p tan(alpha + phi) under a pressure p, phi being the friction
-    angle. At the depth of the teeth the point slides on their crests. All teeth of a point shear
-    off if one of them carries a shear T and a pressure P with
+    Friction on the base resists slip along the keys, and slip across the keys within the play.
+    Beyond the play a flank closes and the joint rides up on the flank. The joint then opens by slip
+    times tan(alpha), and its shear is p tan(alpha + phi) under a pressure p, with the friction
+    angle phi. At the depth of the teeth the point slides on the crests. All teeth of a point shear
+    off if the shear T and the pressure P on one tooth satisfy
 
         T > a c + P tan(phi_t),                                                            (9b)
 
-    a being the area ratio of the tooth bases. From then on only friction acts, at the opening
-    reached so far. On every face the stiffness is per area of the joint. If the play is below
+    where a is the area ratio of the tooth bases. Afterwards only friction acts, at the opening at
+    that moment. On each face the stiffness is per area of the joint. If the play is below
     overlap / tan(alpha), the flanks share the pressure of a closed joint; friction along the keys
-    is then that of a wedge.
+    then acts as on a wedge.
 
     The faces in contact do not change within a step, so the slip of a step must be small compared
-    with the depth. After a slip of more than half a spacing the next tooth is not modelled.
+    with the depth. Contact with the next tooth, after a slip above half a spacing, is not modelled.
 
     Internal variables: ``broken`` (0 or 1), ``lift`` [m] of the base after the teeth sheared off,
-    and the elastic slips on the faces of the teeth, up and along, [m].
+    and the elastic slips on the faces of the teeth, upward and along the keys, [m].
 
     Attributes:
         normal_stiffness: k_n.
@@ -83,14 +83,14 @@ class ShearKeyJoint(EnergyConsistentContact):
         depth: d.
         flank_angle_deg: alpha, between flanks and joint, 90 degrees for rectangular keys.
         spacing: Distance of the tooth axes on one side.
-        tooth_width: Width at the base (default: that of the recesses). a = tooth_width / spacing.
+        tooth_width: Width of a tooth at the base (default: width of the recesses), spacing times a.
         tooth_cohesion: c, cohesion of the tooth material.
         tooth_friction_angle_deg: phi_t of the tooth material (default: phi).
         forward_play: Slip of the + side along (axis_2, -axis_1) before a flank closes; None for no
             flank in this direction.
         backward_play: Slip in the opposite direction before a flank closes, or None.
         key_axis: Direction of the keys in the joint's axes (s1, s2), of any length. The default is
-            steepest upward in joints that are not level; in 2-D it is out of the plane.
+            the steepest direction in joints that are not level; in 2-D the out-of-plane direction.
 
     Raises:
         ValueError: Parameters contradict each other.
@@ -183,9 +183,9 @@ class ShearKeyJoint(EnergyConsistentContact):
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Return the losses (30) of a backward Euler step, summed over the faces.
 
-        The energy of faces that lose contact counts as friction. Only the part of the traction
-        between that at the end and the mean of both ends is distributed to the faces. The work of
-        the remainder is numerical.
+        The energy of faces that lose contact counts as friction. The faces share only the component
+        of the traction between the mean of both ends and the end of the step. The work of the
+        remainder is numerical.
         """
         after = answer.state
         shears = (after.internal[:, 0] == BROKEN) & (before.internal[:, 0] < BROKEN)
@@ -238,7 +238,7 @@ class ShearKeyJoint(EnergyConsistentContact):
     def _faces(
         self, state: JointState, end: Floats, shears: NDArray[np.bool_]
     ) -> tuple[Faces, Floats, Floats]:
-        """Return the faces of a step, their gaps at its end and their energy; see `choose_all`."""
+        """Return the faces of a step, their end gaps and their elastic energy (`choose_all`)."""
         kinds = np.zeros((len(end), 3), dtype=np.int64)
         plane, gap, end_gap = np.zeros((3, len(end), 3, 3), end.dtype)
         faces = Faces(kinds, plane, gap, np.zeros((len(end), 3, 2), end.dtype))

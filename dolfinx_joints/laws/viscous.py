@@ -47,10 +47,10 @@ class ViscousJoint:
     In a step of length dt the dashpots add to the tractions of ``law``
 
         t_n = eta_n (<gap_n1> - <gap_n0>) / dt   with <g> = min(g, 0), no tension in the sum,
-        t_s = eta_s gap_s' dt_c / dt,            dt_c being the time in contact.
+        t_s = eta_s gap_s' dt_c / dt             with the time dt_c in contact.
 
-    |t_s| is limited to the pressure, so that it does not jump to zero when the joint opens. In
-    statics the dashpots carry no traction.
+    |t_s| is limited to the pressure, so that t_s does not jump to zero when the joint opens. In
+    statics the dashpots have no traction.
 
     Attributes:
         law: Law of finite stiffness without dashpots, dilatancy or shear keys.
@@ -58,7 +58,7 @@ class ViscousJoint:
         shear_viscosity: eta_s.
 
     Raises:
-        ValueError: ``law`` is not a `Law`, has dashpots, or dilates.
+        ValueError: ``law`` is not a `Law`, or has dashpots, dilatancy or shear keys.
 
     Example:
         >>> import numpy as np
@@ -119,7 +119,7 @@ class ViscousJoint:
     def for_step(self, dt: float) -> EnergyConsistentLaw:
         """Return the law for a step of length dt [s], infinite in statics."""
         law, normal, shear = self.law, self.normal_viscosity / dt, self.shear_viscosity / dt
-        if isinstance(law, CompiledLaw) and law.has_loops_alone():
+        if isinstance(law, CompiledLaw) and law.uses_only_loops():
             return CompiledDashpotStep(law=law, normal=normal, shear=shear)
         return DashpotStep(law=law, normal=normal, shear=shear)
 
@@ -145,13 +145,13 @@ class DashpotStep:
         return self._with_dashpots(self.law.backward_euler(gap, state), gap, state)
 
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
-        """Return the response over a whole step; some laws only have that at its end."""
+        """Return the response over a whole step, or at its end if the law has no other rule."""
         if not isinstance(self.law, EnergyConsistentLaw):
             return self.backward_euler(gap, state)
         return self._with_dashpots(self.law.discrete_gradient(gap, state), gap, state)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Return the losses of the law without the dashpot traction, plus the dashpots' work."""
+        """Return the losses of the law without dashpot tractions, plus the work of the dashpots."""
         start = before
         if has_bonds(self.law):
             breaks = answer.state.internal[:, 0] > before.internal[:, 0]
@@ -173,7 +173,7 @@ class DashpotStep:
 
 @dataclass(frozen=True, kw_only=True)
 class CompiledDashpotStep(DashpotStep, CompiledEnergyConsistentLaw):
-    """`DashpotStep` of a compiled law: its points are compiled, too."""
+    """`DashpotStep` of a compiled law, with compiled functions of a point."""
 
     law: CompiledLaw  # type: ignore[assignment]
 
@@ -185,8 +185,8 @@ class CompiledDashpotStep(DashpotStep, CompiledEnergyConsistentLaw):
     def loop_start(self, rule: Rule, state: JointState) -> Start:
         """Return the start of the law, with stiffnesses and viscosities as first parameters."""
         inner = self.law.loop_start(rule, state)
-        own = (*self.closed_stiffness(), self.normal, self.shear)
-        return inner._replace(parameters=np.append(own, inner.parameters))
+        parameters = (*self.closed_stiffness(), self.normal, self.shear)
+        return inner._replace(parameters=np.append(parameters, inner.parameters))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
         """Return the response of the law."""
@@ -201,12 +201,12 @@ def with_dashpots(point: Any) -> Any:
     """Return the compiled point with dashpots for the compiled point of a law."""
 
     @inline
-    def both(i: int, start: Start, answer: Answer) -> None:
+    def point_with_dashpots(i: int, start: Start, answer: Answer) -> None:
         parameters = start.parameters
         point(i, Start(start.gap, start.history, parameters[4:]), answer)
         add_dashpots(i, parameters[2], parameters[3], start.gap[i], answer)
 
-    return both
+    return point_with_dashpots
 
 
 @njit(cache=True, error_model="numpy")
@@ -258,12 +258,12 @@ def add_dashpots(i: int, normal: float, shear: float, before: Floats, answer: An
             shear * (rate * slip[0] if b == 0 else theta if b == 1 else 0.0),
             shear * (rate * slip[1] if b == 0 else theta if b == 2 else 0.0),
         )
-        along = direction[0] * rates[0] + direction[1] * rates[1]
+        parallel = direction[0] * rates[0] + direction[1] * rates[1]
         falls = -tangent[0, b] if t_n < 0.0 else 0.0
         for a in range(2):
             if bound:  # limit the shear to the pressure
-                across = rates[a] - direction[a] * along
-                tangent[1 + a, b] += direction[a] * falls + share * across
+                turning = rates[a] - direction[a] * parallel
+                tangent[1 + a, b] += direction[a] * falls + share * turning
             else:
                 tangent[1 + a, b] += rates[a]
     dash = (dash_n, share * shear_1, share * shear_2)

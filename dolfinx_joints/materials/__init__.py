@@ -2,5 +2,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Materials of the bulk: from strain and state to stress, tangent and new state.
 
-They do not use the mesh.
+The materials do not use the mesh.
 """

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Materials of the body, and the protocol of plastic materials: arrays in, arrays out.
 
-Stresses and strains are vectors (xx, yy, zz, yz, xz, xy), tension positive; shear strains are the
-angles 2 eps_yz, ... A law never changes the state that it receives; it returns the new state, which
-the caller keeps if the step is accepted.
+Stresses and strains are vectors (xx, yy, zz, yz, xz, xy), positive in tension; shear strains are
+the angles 2 eps_yz, 2 eps_xz, 2 eps_xy. A law never changes the state that it receives. It returns
+the new state, which the caller keeps if the step is accepted.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class BulkState:
 
     Attributes:
         strain: Total strain at the last accepted step, shape (n, 6).
-        plastic_strain: Its plastic part, shape (n, 6).
+        plastic_strain: Plastic part of the strain, shape (n, 6).
         accumulated: Sum of sqrt(2/3) |d eps_p| over all steps, shape (n,).
     """
 
@@ -61,10 +61,10 @@ class BulkResponse:
         stress: Stress that acts in the step, shape (n, 6), [Pa].
         plastic_strain: Plastic strain of this stress, shape (n, 6): at the end of the step, or the
             mean over the step for `BulkLaw.discrete_gradient`.
-        tangent: d stress / d strain, the strain at the end of the step, shape (n, 6, 6), [Pa].
-        state: State to keep if the step is accepted.
+        tangent: d stress / d strain at the end of the step, shape (n, 6, 6), [Pa].
+        state: New state, which becomes the committed state if the step is accepted.
         dissipation: Plastic work of the step per volume, shape (n,), [J/m^3]; for backward Euler
-            the mean stress of both ends times the plastic strain increment.
+            the mean of start and end stress times the plastic strain increment.
         status: `BulkStatus` of each point, shape (n,).
     """
 
@@ -78,7 +78,7 @@ class BulkResponse:
 
 @runtime_checkable
 class BulkLaw(Protocol):
-    """Plastic material; implement it for a user-defined one."""
+    """Plastic material; implement this protocol for a user-defined material."""
 
     @property
     def elastic(self) -> Elastic:
@@ -100,5 +100,5 @@ def is_plastic(material: Material) -> bool:
 
 
 def elastic_part(material: Material) -> Elastic | Orthotropic:
-    """Return an elastic material itself, or the elastic part of a plastic one."""
+    """Return an elastic material unchanged, or the elastic part of a plastic material."""
     return material.elastic if isinstance(material, BulkLaw) else material

@@ -19,7 +19,7 @@ from dolfinx_joints.materials.bulk_law import BulkResponse, BulkState, BulkStatu
 from dolfinx_joints.materials.elastic import Elastic
 
 _TRACE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-# Half the deviatoric stress for a unit shear modulus, from strains with shear angles.
+# Matrix from strains (with shear angles) to the strain deviator, as tensor components.
 _DEVIATOR = np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.5]) - np.outer(_TRACE, _TRACE) / 3.0
 _DOUBLE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 
@@ -130,8 +130,8 @@ class DruckerPrager:
     def discrete_gradient(self, strain: Floats, state: BulkState) -> BulkResponse:
         """Compute the return mapping at mid-step, with an energy balance (docs/theory).
 
-        The stress at mid-step is admissible. The stress at the end is extrapolated from it and also
-        returned to the cone; the energy released by this is dissipated.
+        The stress at mid-step is admissible. The end stress is extrapolated from the mid-step
+        stress and also returned to the cone; the energy that this return releases is dissipated.
 
         Args:
             strain: Trial strain at the end of the step, shape (n, 6).
@@ -190,7 +190,7 @@ class DruckerPrager:
     def _cone_tangent(self, direction: Floats, part: Floats) -> Floats:
         """Return the derivative of the stress on the cone by the strain, (n, 6, 6), [Pa].
 
-        ``direction`` is deviator / sqrt(J2), ``part`` the fraction subtracted from the trial one.
+        ``direction`` is deviator / sqrt(J2), ``part`` the subtracted fraction of the deviator.
         """
         shear, bulk = self._moduli()
         side = np.einsum("ni,nj->nij", direction, direction)

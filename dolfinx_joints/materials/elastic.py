@@ -41,7 +41,7 @@ class Elastic:
         return self.young / (2.0 * (1.0 + self.poisson))
 
     def first_lame(self, plane: str) -> float:
-        """Return lambda [Pa]; in plane stress its value for zero through-thickness stress."""
+        """Return lambda [Pa], in plane stress reduced for zero through-thickness stress."""
         nu = self.poisson
         if plane == "stress":
             return self.young * nu / (1.0 - nu**2)
@@ -50,7 +50,7 @@ class Elastic:
     def stiffness_matrix(self) -> Floats:
         """Return C of stress = C strain, shape (6, 6), [Pa].
 
-        The order is xx, yy, zz, yz, xz, xy; shear strains are the angles 2 eps_yz, ...
+        The order is xx, yy, zz, yz, xz, xy; shear strains are the angles 2 eps_yz and so on.
         """
         matrix = np.zeros((6, 6))
         matrix[:3, :3] = self.first_lame("strain")

@@ -29,7 +29,7 @@ class Orthotropic:
     """Linear elastic material with three planes of symmetry.
 
     eps_11 = sigma_11/E_1 - nu_12 sigma_22/E_1 - nu_13 sigma_33/E_1 and so on, with
-    nu_ij/E_i = nu_ji/E_j: nu_ij is the contraction along j under a stress along i.
+    nu_ij/E_i = nu_ji/E_j: contraction along j = nu_ij times extension along i, stress along i.
 
     Attributes:
         young: E_1, E_2, E_3.
@@ -64,7 +64,7 @@ class Orthotropic:
     def stiffness_matrix(self) -> Floats:
         """Return C of stress = C strain in x, y, z, shape (6, 6), [Pa].
 
-        The order is xx, yy, zz, yz, xz, xy; shear strains are the angles 2 eps_yz, ...
+        The order is xx, yy, zz, yz, xz, xy; shear strains are the angles 2 eps_yz and so on.
         """
         local = np.linalg.inv(self._compliance())
         rotation = _strain_rotation(self._frame())

@@ -2,5 +2,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Split meshes with named groups, from Gmsh files, XDMF files, arrays or DOLFINx meshes.
 
-This subpackage does not depend on unknowns; `NodeNumbering` works with any function space.
+This subpackage does not use the unknowns of a model; `NodeNumbering` accepts any function space.
 """

@@ -108,7 +108,7 @@ class RawMesh:
 
 
 def find_facets(shape: CellShape, cells: Ints, facets: Ints) -> tuple[Ints, Ints]:
-    """Find the cells at facets given by their vertices in any order, (n, vertices per facet).
+    """Find the cells at facets; a facet is given by vertices in any order, (n, vertices per facet).
 
     Returns:
         ``owner``, shape (n, 2, 2): (cell, local facet) of the first and second cell, -1 for a
@@ -117,10 +117,10 @@ def find_facets(shape: CellShape, cells: Ints, facets: Ints) -> tuple[Ints, Ints
     local = shape.facet_vertices
     is_wanted = np.zeros(int(max(cells.max(initial=-1), facets.max(initial=-1))) + 1, dtype=bool)
     is_wanted[facets] = True
-    every = cells[:, local].reshape(-1, local.shape[1])
-    candidates = np.flatnonzero(is_wanted[every].all(axis=1))
+    all_facets = cells[:, local].reshape(-1, local.shape[1])
+    candidates = np.flatnonzero(is_wanted[all_facets].all(axis=1))
     wanted = np.sort(facets, axis=1)
-    stacked = np.vstack([wanted, np.sort(every[candidates], axis=1)])
+    stacked = np.vstack([wanted, np.sort(all_facets[candidates], axis=1)])
     _, inverse = np.unique(stacked, axis=0, return_inverse=True)
     inverse = inverse.ravel()
     key_of_wanted, key_of_all = inverse[: len(wanted)], inverse[len(wanted) :]
@@ -138,17 +138,17 @@ def find_facets(shape: CellShape, cells: Ints, facets: Ints) -> tuple[Ints, Ints
 
 
 def inside_out(shape: CellShape, x: Floats, cells: NDArray[Any]) -> Ints:
-    """Return the cells whose volume changes sign between their nodes: partly inside out."""
+    """Return the cells whose Jacobian determinant changes sign: they are partly inside out."""
     element = shape.element()
     derivatives = element.tabulate(1, element.points)[1:, :, :, 0]
-    if np.ptp(derivatives, axis=1).max() < 1e-12:  # the volume is the same at all nodes
+    if np.ptp(derivatives, axis=1).max() < 1e-12:  # the determinant is equal at all nodes
         return np.empty(0, dtype=np.int64)
-    least, most = np.full(len(cells), np.inf), np.full(len(cells), -np.inf)
+    smallest, largest_volume = np.full(len(cells), np.inf), np.full(len(cells), -np.inf)
     for at_node in np.moveaxis(derivatives, 1, 0):
         volume = np.linalg.det(np.einsum("da,cai->cdi", at_node, x[cells]))
-        least, most = np.minimum(least, volume), np.maximum(most, volume)
-    largest = np.maximum(most, -least)
-    return np.flatnonzero(np.minimum(most, -least) > 1e-6 * largest)
+        smallest, largest_volume = np.minimum(smallest, volume), np.maximum(largest_volume, volume)
+    largest = np.maximum(largest_volume, -smallest)
+    return np.flatnonzero(np.minimum(largest_volume, -smallest) > 1e-6 * largest)
 
 
 def check_curves(shape: CellShape, x: Floats, cells: NDArray[Any], source: str) -> None:
@@ -157,7 +157,7 @@ def check_curves(shape: CellShape, x: Floats, cells: NDArray[Any], source: str) 
     if len(inverted):
         remedy = "refine the mesh there, or use straight edges (Mesh.SecondOrderLinear in Gmsh)"
         if shape.degree == 1:
-            remedy = "each has a re-entrant corner, or its nodes are in the wrong order"
+            remedy = "such cells have a re-entrant corner, or their nodes are in the wrong order"
         raise MeshError(
             f"{source}: {len(inverted)} cells are partly inside out, the first one around "
             f"{middle(x[cells[inverted[0]]])}; {remedy}."

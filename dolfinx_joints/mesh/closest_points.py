@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Closest points of straight and curved facets, by a constrained Gauss-Newton method.
 
-Distances are measured in space, in metres. The unknowns are the reference coordinates of a facet,
+Distances are physical distances in metres. The unknowns are the reference coordinates of a facet,
 so the result depends on neither the shape nor the size of the cell behind the facet.
 """
 
@@ -22,7 +22,7 @@ from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 DIVISIONS = 4
 
 # The iteration ends if a step is shorter than STEP times the facet's longest side plus STEP_FAR
-# times the distance. The distance is flat at its minimum: rounding halves the number of digits.
+# times the distance. At the minimum the distance is stationary: rounding halves the digits.
 STEP, STEP_FAR = 1e-10, 1e-6
 
 # Rounding error of a distance, relative to the sum of the coordinates and the distance.
@@ -32,7 +32,7 @@ ROUNDING = 1e-14
 # Points as far away as the radius of curvature need halved steps.
 ITERATIONS, HALVINGS = 100, 12
 
-# Two directions are parallel if determinant / trace^2 of the facet's metric is below this.
+# Two directions are parallel if determinant / trace^2 of the facet's metric is below this value.
 SINGULAR = 1e-14
 
 
@@ -43,7 +43,7 @@ class ClosestPoints:
     Attributes:
         facet: Facet number, the lowest if several facets are equally near, shape (n,).
         local: Reference coordinates on the facet, shape (n, dim of the facet).
-        distance: Distance to the given point, shape (n,), [m].
+        distance: Distance from the given point, shape (n,), [m].
         converged: False if the iteration did not reach a minimum, shape (n,).
     """
 
@@ -61,7 +61,7 @@ def longest_sides(vertices: Floats) -> Floats:
 
 
 class FacetSurface:
-    """Facets of cells of degree 1 or 2, as lines in the plane or surfaces in space.
+    """Facets of cells of degree 1 or 2: lines in 2-D or surfaces in 3-D.
 
     Args:
         x: Coordinates of the nodes of each facet in the order of its Lagrange element, shape
@@ -75,7 +75,7 @@ class FacetSurface:
 
     def __init__(self, x: Floats, vertices: int, degree: int) -> None:
         kind = facet_cell_type(vertices)
-        # Map coordinates reach millions of metres: subtract the mean to reduce rounding error.
+        # Geographic coordinates reach millions of metres: subtract the mean against rounding error.
         self._origin: Floats = x.reshape(-1, x.shape[2]).mean(axis=0)
         self._x, self._dim = x - self._origin, x.shape[2] - 1
         self._extent = float(np.abs(self._x).max())
@@ -87,7 +87,7 @@ class FacetSurface:
         table = self._element.tabulate(1, lattice)[..., 0]
         samples = np.einsum("sk,fki->fsi", table[0], self._x)
         slopes = np.linalg.norm(np.einsum("dsk,fki->fsid", table[1:], x), axis=(2, 3)).max(axis=1)
-        # A reference point is at most half the diagonal of a grid square from a sample.
+        # The nearest sample is at most half the diagonal of a grid square away.
         reach = slopes * np.sqrt(self._dim) / (2 * DIVISIONS)
         # One tree per facet size, so that small facets are not searched with a large radius.
         octaves = np.floor(np.log2(np.maximum(reach, np.finfo(float).tiny)))
@@ -98,7 +98,7 @@ class FacetSurface:
         self._reach: Floats = reach
 
     def sample_distances(self, points: Floats) -> Floats:
-        """Return the distances of points (n, gdim) to the nearest sample, shape (n,), [m]."""
+        """Return the distance from each point (n, gdim) to the nearest sample, shape (n,), [m]."""
         return self._nearest(points - self._origin)
 
     def _nearest(self, points: Floats) -> Floats:
@@ -109,10 +109,10 @@ class FacetSurface:
         return self._element.tabulate(0, local)[0, :, :, 0]
 
     def closest(self, points: Floats) -> ClosestPoints:
-        """Return the closest points to one or more points, shape (n, gdim), [m]."""
+        """Return the points on the facets closest to given points, shape (n, gdim), [m]."""
         shifted = points - self._origin
         point, facet, start = self._candidates(shifted)
-        local, distance, converged = self._projected(shifted[point], facet, start)
+        local, distance, converged = self._project(shifted[point], facet, start)
         order = np.lexsort((distance, point))
         best = order[np.append(True, np.diff(point[order]) > 0)]
         return ClosestPoints(
@@ -120,7 +120,7 @@ class FacetSurface:
         )
 
     def _candidates(self, points: Floats) -> tuple[Ints, Ints, Floats]:
-        """Return candidate pairs of a point and a facet, and the starting point on each facet."""
+        """Return candidate pairs (point, facet), with a starting point on each facet."""
         nearest = self._nearest(points)
         pairs = []
         for facets, tree in self._trees:
@@ -129,19 +129,17 @@ class FacetSurface:
             point = np.repeat(np.arange(len(points)), [len(hits) for hits in lists])
             samples = np.concatenate([np.asarray(hits, dtype=np.int64) for hits in lists])
             place, sample = np.divmod(samples, len(self._lattice))
-            away = np.linalg.norm(points[point] - tree.data[samples], axis=1)
-            pairs.append((point, facets[place], sample, away))
-        point, facet, sample, away = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
-        order = np.lexsort((away, facet, point))
+            dist = np.linalg.norm(points[point] - tree.data[samples], axis=1)
+            pairs.append((point, facets[place], sample, dist))
+        point, facet, sample, dist = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+        order = np.lexsort((dist, facet, point))
         point, facet, sample = point[order], facet[order], sample[order]
         other = (np.diff(point) > 0) | (np.diff(facet) != 0)
         first = np.flatnonzero(np.append(True, other))
         return point[first], facet[first], self._lattice[sample[first]]
 
-    def _projected(
-        self, points: Floats, facet: Ints, local: Floats
-    ) -> tuple[Floats, Floats, Flags]:
-        """Return the closest point on one facet per given point, its distance, and convergence."""
+    def _project(self, points: Floats, facet: Ints, local: Floats) -> tuple[Floats, Floats, Flags]:
+        """Return the closest point on one facet per point, the distance, and convergence flags."""
         local, distance = local.copy(), np.zeros(len(points))
         active = np.arange(len(points))
         for _ in range(ITERATIONS):
@@ -162,41 +160,41 @@ class FacetSurface:
         return local, distance, converged
 
     def _best_part(self, points: Floats, facet: Ints, local: Floats, step: Floats) -> Floats:
-        """Return the best point after the full step or a half, a quarter, ... of it."""
+        """Return the best point after the full step or after halved steps."""
 
         def distance(at: Floats, which: Ints) -> Floats:
-            places = np.einsum("pk,pki->pi", self.shape_functions(at), self._x[facet[which]])
-            return np.linalg.norm(points[which] - places, axis=1)
+            x = np.einsum("pk,pki->pi", self.shape_functions(at), self._x[facet[which]])
+            return np.linalg.norm(points[which] - x, axis=1)
 
         which = np.arange(len(points))
         before, best = distance(local, which), local + step
-        least, rounding = distance(best, which), ROUNDING * (self._extent + before)
+        closest, rounding = distance(best, which), ROUNDING * (self._extent + before)
         for halving in range(1, HALVINGS + 1):
             shorter = local[which] + 0.5**halving * step[which]
             trial_distance = distance(shorter, which)
-            better = trial_distance < (least - rounding)[which]
-            best[which[better]], least[which[better]] = shorter[better], trial_distance[better]
-            which = which[better | (least > before + rounding)[which]]
+            better = trial_distance < (closest - rounding)[which]
+            best[which[better]], closest[which[better]] = shorter[better], trial_distance[better]
+            which = which[better | (closest > before + rounding)[which]]
             if not len(which):
                 break
-        farther = least > before + rounding
+        farther = closest > before + rounding
         best[farther] = local[farther]
         return best
 
     def _linear_minimum(self, jacobian: Floats, offset: Floats, local: Floats) -> Floats:
-        """Return the place in the reference facet that minimises |offset - J (place - local)|.
+        """Return the point in the reference facet that minimises |offset - J (point - local)|.
 
-        The minimum is the unbounded one if that lies inside the facet, otherwise on an edge.
+        If the unconstrained minimum is outside the facet, return the minimum on the edges.
         """
         least, place = np.full(len(local), np.inf), local.copy()
         for start, end in self._edges:
             from_start = offset - np.einsum("pid,pd->pi", jacobian, start - local)
-            along = jacobian @ (end - start)
-            square = (along**2).sum(axis=1)
+            edge = jacobian @ (end - start)
+            square = (edge**2).sum(axis=1)
             ratio = np.zeros(len(local))
-            np.divide((along * from_start).sum(axis=1), square, out=ratio, where=square > 0.0)
+            np.divide((edge * from_start).sum(axis=1), square, out=ratio, where=square > 0.0)
             share = np.clip(ratio, 0.0, 1.0)[:, None]
-            residual = np.linalg.norm(from_start - share * along, axis=1)
+            residual = np.linalg.norm(from_start - share * edge, axis=1)
             nearer = residual < least
             least[nearer], place[nearer] = residual[nearer], (start + share * (end - start))[nearer]
         if self._dim == 2:

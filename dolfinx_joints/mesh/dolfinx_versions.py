@@ -21,7 +21,7 @@ from dolfinx_joints.common.errors import JointsError
 def create_mesh(
     comm: Any, cells: Ints, x: Floats, element: Any, partitioner: Callable[..., Any] | None = None
 ) -> Any:
-    """Create and distribute a mesh; 0.10 swapped coordinates and element (collective)."""
+    """Create and distribute a mesh (collective). 0.10 swapped the arguments x and element."""
     from dolfinx import mesh
 
     parameters = list(inspect.signature(mesh.create_mesh).parameters)
@@ -30,7 +30,7 @@ def create_mesh(
 
 
 def cell_partitioner() -> Callable[..., Any]:
-    """Return DOLFINx's partitioner without ghosts; 0.10 added the number of cells per facet."""
+    """Return DOLFINx's partitioner without ghosts. 0.10 added an argument, cells per facet."""
     from dolfinx.mesh import GhostMode, create_cell_partitioner
 
     try:
@@ -40,7 +40,7 @@ def cell_partitioner() -> Callable[..., Any]:
 
 
 def adjacency_list(links: NDArray[Any], offsets: NDArray[Any]) -> Any:
-    """Return an adjacency list for partitioners; since 0.10 a Python object wraps it."""
+    """Return an adjacency list for partitioners. Since 0.10 a Python object wraps the list."""
     from dolfinx.graph import adjacencylist
 
     made = adjacencylist(links.astype(np.int32), offsets.astype(np.int32))
@@ -51,7 +51,7 @@ def facet_permutations(mesh: Any) -> NDArray[np.uint8]:
     """Return the codes that permute facet quadrature points, (cells * facets per cell,).
 
     The result is a writable view of the codes that DOLFINx uses in assembly. DOLFINx's Python
-    interface itself does not allow writing to them.
+    interface only gives read access.
 
     Raises:
         JointsError: This version of DOLFINx returns a copy.
@@ -67,7 +67,7 @@ def facet_permutations(mesh: Any) -> NDArray[np.uint8]:
 
 
 def create_submesh(mesh: Any, dim: int, entities: NDArray[np.int32]) -> tuple[Any, Any]:
-    """Return the mesh of some entities, and the entity of each cell; a map since 0.10."""
+    """Return the mesh of given entities, and the entity of each cell (since 0.10 from a map)."""
     from dolfinx import mesh as dolfinx_mesh
 
     made, entity, *_ = dolfinx_mesh.create_submesh(mesh, dim, entities.astype(np.int32))
@@ -107,23 +107,23 @@ def permuted_points(facet_vertices: int, points: Floats, code: int) -> Floats:
     from ffcx.ir import elementtables
 
     if facet_vertices == 2:
-        moved = elementtables.permute_quadrature_interval(points, code)
+        permuted = elementtables.permute_quadrature_interval(points, code)
     else:
         kind = {3: "triangle", 4: "quadrilateral"}[facet_vertices]
         permute = getattr(elementtables, f"permute_quadrature_{kind}")
-        moved = permute(points, code % 2, code // 2)
-    return np.asarray(moved)
+        permuted = permute(points, code % 2, code // 2)
+    return np.asarray(permuted)
 
 
 def geometry_nodes(mesh: Any) -> NDArray[np.int32]:
-    """Return the nodes of the local cells, (cells, nodes of a cell); in a list since 0.11."""
+    """Return the nodes of the local cells, (cells, nodes of a cell). 0.11 has a list of dofmaps."""
     geometry = mesh.geometry
     dofmap = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
     return np.asarray(dofmap, dtype=np.int32)
 
 
 def geometry_degree(mesh: Any) -> int:
-    """Return the degree of the cell geometry; the coordinate map is in a list since 0.11."""
+    """Return the degree of the cell geometry. 0.11 has a list of coordinate maps."""
     geometry = mesh.geometry
     coordinate_map = geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
     return int(coordinate_map.degree)
@@ -141,7 +141,7 @@ def gmsh_permutation(cell_name: str, num_nodes: int) -> Ints:
 
 
 def petsc_code(error: Exception) -> int:
-    """Return the PETSc code of a SLEPc error; slepc4py 3.25 wraps it in a SystemError."""
+    """Return the PETSc code of a SLEPc error. slepc4py 3.25 wraps the error in a SystemError."""
     cause = error.__cause__ if isinstance(error, SystemError) else error
     code = getattr(cause, "ierr", None)
     if code is None:
@@ -150,7 +150,7 @@ def petsc_code(error: Exception) -> int:
 
 
 def interpolation_points(V: Any) -> Floats:
-    """Return the reference points of interpolation; a property, not a method, since 0.10."""
+    """Return the reference points of interpolation, a property instead of a method since 0.10."""
     points = V.element.interpolation_points
     return np.asarray(points() if callable(points) else points)
 

@@ -16,7 +16,7 @@ from dolfinx_joints.mesh.cells import Floats, lagrange
 _SIMPSON = np.array([1.0, 1.0, 4.0]) / 6.0
 _NODES_AND_CENTRE = np.array([3.0, 8.0, 27.0]) / 120.0  # a vertex, an edge, the centre
 RULES = ("auto", "nodal", "gauss")
-GAUSS_DEGREES = (2, 20)  # degree 1 has one point per facet: the facet could rotate freely
+GAUSS_DEGREES = (2, 20)  # with degree 1 (one point per facet) the facet could rotate freely
 
 
 def facet_cell_type(facet_vertices: int) -> basix.CellType:
@@ -41,15 +41,15 @@ def facet_rule(facet_vertices: int, degree: int, rule: str | int = "auto") -> tu
     traction gives the correct nodal forces.
 
     On 6-node triangles these integrals are zero at the vertices. ``nodal`` then uses only the
-    nodes on the edges, so vertex pairs can open and overlap without resistance. ``auto`` uses the
-    vertices and the centre as well: exact to degree 3, with a positive weight at every node.
+    nodes on the edges, so vertex pairs can open and overlap without resistance. ``auto`` also uses
+    the vertices and the centre; it is exact to degree 3, with a positive weight at each node.
 
     Args:
         facet_vertices: 2, 3 or 4.
         degree: Degree of the displacement on the facet, 1 or 2.
-        rule: ``nodal``; ``gauss``, exact for polynomials of twice the degree; or the degree to
-            which a Gauss rule is exact, from 2 to 20. ``auto`` is nodes and centre on 6-node
-            triangles, ``gauss`` above degree 2, otherwise ``nodal``.
+        rule: ``nodal``; ``gauss``, exact for polynomials of twice ``degree``; or the degree to
+            which a Gauss rule is exact, from 2 to 20. ``auto`` uses nodes and centre on 6-node
+            triangles, ``gauss`` above degree 2, and ``nodal`` otherwise.
 
     Returns:
         Points, shape (n, facet dimension), and weights, shape (n,), on the basix reference facet.
@@ -61,7 +61,7 @@ def facet_rule(facet_vertices: int, degree: int, rule: str | int = "auto") -> tu
     kind = facet_cell_type(facet_vertices)
     if rule == "nodal" and degree not in (1, 2):
         raise ValueError(
-            f"quadrature 'nodal' exists for degrees 1 and 2 only, not for {degree}; use 'gauss'."
+            f"quadrature 'nodal' exists only for degrees 1 and 2, not for {degree}; use 'gauss'."
         )
     if rule not in ("auto", "nodal") or degree not in (1, 2):
         exact_to = 2 * degree if isinstance(rule, str) else operator.index(rule)
@@ -82,9 +82,9 @@ def facet_rule(facet_vertices: int, degree: int, rule: str | int = "auto") -> tu
 
 def check_rule(rule: Any) -> None:
     """Raise ValueError unless ``rule`` is the name or the degree of a quadrature rule."""
-    least, most = GAUSS_DEGREES
-    if rule not in (RULES if isinstance(rule, str) else range(least, most + 1)):
+    lowest, highest = GAUSS_DEGREES
+    if rule not in (RULES if isinstance(rule, str) else range(lowest, highest + 1)):
         raise ValueError(
             f"quadrature is {shown(rule)}; it must be one of {', '.join(RULES)}, or the degree of "
-            f"a Gauss rule, a whole number from {least} to {most}."
+            f"a Gauss rule, a whole number from {lowest} to {highest}."
         )

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Facet pairs of the joints as interior facets of DOLFINx's forms.
 
-An interior-facet integral takes two cells and one facet of each. DOLFINx does not require that
-the two facets are the same; only the order of their quadrature points must agree. On each side a
+An interior-facet integral uses two cells and one facet of each cell. DOLFINx does not require that
+the two facets are identical; only the order of their quadrature points must agree. On each side a
 code derived from the global vertex numbers permutes the points. The two faces of a joint have
-different vertices, so their codes differ. This module replaces the code of the + facet by the one
-that moves its points onto those of the - facet. The + facet is an exterior facet: the code has no
-other effect, except in ``ds`` integrals over the + side with functions on a submesh of facets. Use
-interior-facet integrals for these functions.
+different vertices, so their codes differ. This module replaces the code of the + facet by the code
+that maps the points of the + facet to the points of the - facet. The + facet is an exterior facet,
+so its code has no other effect, except in ``ds`` integrals over the + side with functions on a
+submesh of facets. Use interior-facet integrals for these functions.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class IntegratedPairs:
     Attributes:
         entities: Local cell and facet on the + side, then on the - side, shape (n, 4). The first
             side of an interior-facet integral is ``+`` in UFL.
-        turned: Vertex of the - facet at each vertex of the permuted reference facet, as integrals
-            use it, shape (n, vertices per facet).
+        turned: Vertex of the - facet at each vertex of the permuted reference facet of integrals,
+            shape (n, vertices per facet).
     """
 
     entities: Ints
@@ -67,9 +67,9 @@ def integrated_pairs(
 def vertex_permutations(facet_vertices: int) -> Ints:
     """Return the vertex permutation of each DOLFINx facet code, shape (codes, vertices)."""
     corners = basix.cell.geometry(facet_cell_type(facet_vertices))
-    moved = [
+    permuted = [
         dolfinx_versions.permuted_points(facet_vertices, corners, code)
         for code in range(2 if facet_vertices == 2 else 2 * facet_vertices)
     ]
-    distances = np.linalg.norm(np.array(moved)[:, :, None] - corners, axis=3)
+    distances = np.linalg.norm(np.array(permuted)[:, :, None] - corners, axis=3)
     return distances.argmin(axis=2)

@@ -3,7 +3,7 @@
 """Geometry of joint facets, and the local frames (n, s1, s2) of joints.
 
 Each local frame is right-handed and continuous along a joint: s2 is the steepest direction in the
-joint and s1 is horizontal. On joints with nearly horizontal facets, s1 follows x, or else y.
+joint and s1 is horizontal. On joints with nearly horizontal facets, s1 is the projection of x or y.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ def facet_geometry(
     table = element.tabulate(1, places)[:, :, :, 0]
     x = np.zeros((len(pairs.joint), len(places), 3))
     x[..., :gdim] = np.einsum("qa,fai->fqi", table[0], pairs.nodes)
-    along = np.zeros((2, *x.shape))
-    along[1, ..., 2] = 1.0  # a unit thickness in 2-D, replaced in 3-D
+    tangents = np.zeros((2, *x.shape))
+    tangents[1, ..., 2] = 1.0  # a unit thickness in 2-D, replaced in 3-D
     for k in range(table.shape[0] - 1):
-        along[k, ..., :gdim] = np.einsum("qa,fai->fqi", table[k + 1], pairs.nodes)
-    normal = np.cross(along[0], along[1])
+        tangents[k, ..., :gdim] = np.einsum("qa,fai->fqi", table[k + 1], pairs.nodes)
+    normal = np.cross(tangents[0], tangents[1])
     size = np.linalg.norm(normal, axis=2)
     return x, normal * pairs.sign[:, None, None] / size[..., None], size
 
 
 def fixed_axes(pairs: JointPairs, shape: CellShape) -> list[int]:
-    """Return, for each joint, the global axis (0, 1, 2) that one of its tangents follows."""
+    """Return, for each joint, the global axis (0, 1, 2) whose projection is one of the tangents."""
     corners = basix.cell.geometry(facet_cell_type(shape.facet_vertices.shape[1]))
     normal = facet_geometry(pairs, shape, corners)[1]
     return [fixed_axis(normal[pairs.joint == i].reshape(-1, 3)) for i in range(len(pairs.names))]

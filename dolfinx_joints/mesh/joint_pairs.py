@@ -18,20 +18,20 @@ from dolfinx_joints.mesh.cells import Floats, Ints
 
 @dataclass(frozen=True, kw_only=True)
 class JointPairs:
-    """Facet pairs of the joints. A `JointedMesh` has those whose - cell this rank owns.
+    """Facet pairs of the joints. A `JointedMesh` has the pairs whose - cell this rank owns.
 
     Attributes:
         names: Joint names.
         count: Number of pairs on all ranks.
-        axes: Global axis (0, 1, 2) that one tangent of each joint follows.
+        axes: Global axis (0, 1, 2) of each joint whose projection is one of the tangents.
         number: Global number of each pair, ascending, shape (num_pairs,).
         joint: Joint number of each pair, ascending, shape (num_pairs,).
         minus: Input cell number and local facet on the - side, shape (num_pairs, 2).
-        plus: The same on the + side.
+        plus: Input cell number and local facet on the + side, shape (num_pairs, 2).
         match: Position in the + facet of the partner of each vertex of the - facet, shape
             (num_pairs, vertices per facet).
         minus_vertices: Node numbers of the vertices of the - facet, shape like ``match``.
-        plus_vertices: Node numbers of their partners on the + side; equal on the joint's front.
+        plus_vertices: Node numbers of the partner vertices; equal at a joint's end inside a body.
         nodes: Coordinates of the nodes of the - facet in the order of its Lagrange element, shape
             (num_pairs, nodes per facet, gdim), [m].
         sign: 1 if the normal by vertex order of the - facet points to the + side, otherwise -1.
@@ -63,7 +63,7 @@ class JointPairs:
         return replace(self, **{name: values[start:stop] for name, values in self.rows().items()})
 
     def sent_to(self, comm: Any, rank: NDArray[Any]) -> JointPairs:
-        """Send each pair to a rank, and return the pairs received (collective)."""
+        """Send each pair to a rank, and return the received pairs (collective)."""
         return self._with({name: sent_to(comm, rank, row) for name, row in self.rows().items()})
 
     def gathered(self, comm: Any) -> JointPairs:
@@ -72,7 +72,7 @@ class JointPairs:
         return self._with({name: np.concatenate(comm.allgather(values)) for name, values in rows})
 
     def _with(self, rows: dict[str, Any]) -> JointPairs:
-        """Return the pairs with these rows, sorted by number."""
+        """Return the pairs with the given rows, sorted by number."""
         order = np.argsort(rows["number"])
         return replace(self, **{name: values[order] for name, values in rows.items()})
 

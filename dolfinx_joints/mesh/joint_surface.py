@@ -24,15 +24,15 @@ from dolfinx_joints.mesh.joint_pairs import JointPairs
 class JointSurface:
     """Mesh of the - faces of joints, made by `JointedMesh.surface`.
 
-    Use its functions and arguments in forms over `JointedMesh.dS`, restricted to either side, for
-    example ``k("-")``, and compile the form by `JointedMesh.form`. Continuous functions are
-    continuous along the nodes of the - faces, also where several joints of one surface meet.
+    Use functions and arguments on this mesh in forms over `JointedMesh.dS`, restricted to either
+    side, for example ``k("-")``, and compile the form by `JointedMesh.form`. Lagrange functions are
+    continuous along the - faces, also where several joints of one surface meet.
 
     Attributes:
-        mesh: The mesh. Each cell is on the rank that integrates over its pair; a rank may have no
-            cell.
+        mesh: The mesh. A cell is on the rank that integrates over its facet pair; a rank may have
+            no cell.
         joints: Positions of the joints in the list of joint names, ascending.
-        cell_tags: Position of the joint of each cell, plus one.
+        cell_tags: Position of each cell's joint, plus one.
         number: Position of the facet pair of each cell on this rank, shape (n,).
         turned: `IntegratedPairs.turned` of each cell.
         entity_maps: Entity maps for `dolfinx.fem.form`.
@@ -72,7 +72,7 @@ class JointSurface:
     def quadrature_space(
         self, quadrature: str | int, degree: int, shape: tuple[int, ...] = ()
     ) -> fem.FunctionSpace:
-        """Return the space of values of a shape at the quadrature points of `JointedMesh.dS`."""
+        """Return the space of values (``shape``) at the quadrature points of `JointedMesh.dS`."""
         points, weights = facet_rule(self.turned.shape[1], degree, quadrature)
         element = basix.ufl.quadrature_element(
             self.mesh.topology.cell_name(), value_shape=shape, points=points.copy(), weights=weights

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Meshes with named groups whose nodes are duplicated across the joints.
 
-After splitting, the two sides of a joint are ordinary exterior facets of an ordinary DOLFINx mesh:
-any function space, form or writer works on it. `JointedMesh.dS` is the measure for integrals over
-joints. `JointPairs` connects the two sides; each rank has its part of the pairs.
+After splitting, the two sides of a joint are ordinary exterior facets of an ordinary DOLFINx mesh,
+which supports any function space, form or writer. `JointedMesh.dS` is the measure for integrals
+over joints. `JointPairs` connects the two sides; each rank has a part of the pairs.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class JointedMesh(Summarised):
     """DOLFINx mesh split at its joints, with named groups.
 
     Integrate over a joint with `dS`, and over one side with ``ds("NAME-")`` or ``ds("NAME+")``.
-    Both sides are exterior facets: ``ufl.dS`` does not include them and gives zero there.
+    Both sides are exterior facets, so ``ufl.dS`` does not include them and gives zero there.
 
     Functions on a joint are defined on `surface`. Integrate them with `dS`, restricted to either
     side, or with ``ds("NAME-")``. Do not use ``ds("NAME+")`` for functions on a submesh of facets:
@@ -88,8 +88,8 @@ class JointedMesh(Summarised):
     @cached_property
     def facet_tags(self) -> dolfinx.mesh.MeshTags:
         """Tags of the facets, without the sides of joints."""
-        tags, every = self._facet_tags, self.facet_groups.values()
-        kept = np.isin(tags.values, [tag for tags_of_group in every for tag in tags_of_group])
+        tags, groups = self._facet_tags, self.facet_groups.values()
+        kept = np.isin(tags.values, [tag for tags_of_group in groups for tag in tags_of_group])
         return mesh_tags(self.mesh, tags.dim, tags.indices[kept], tags.values[kept])
 
     @property
@@ -171,9 +171,9 @@ class JointedMesh(Summarised):
 
         ``jump(u)`` is u+ - u-, and ``FacetNormal(mesh)("-")`` is the normal n, see also `frame`.
         ``jump(u + x)`` with ``x = SpatialCoordinate(mesh)`` includes gaps in the geometry. If the
-        two faces are apart and differ in area, the area of the + face counts. Restrict every
-        function by ``("+")`` or ``("-")``: UFL treats an unrestricted function of a Lagrange space
-        as continuous and evaluates it on the + side.
+        two faces differ in area, the area of the + face is used. Restrict every function by
+        ``("+")`` or ``("-")``: UFL treats an unrestricted function of a Lagrange space as
+        continuous and evaluates it on the + side.
 
         ``ufl.dS`` covers only facets inside the body. In a form with both measures, use
         ``jointed.dS()("everywhere")`` instead of ``ufl.dS``. On several ranks DOLFINx rejects
@@ -191,8 +191,8 @@ class JointedMesh(Summarised):
         """
         if quadrature is None and degree is not None:
             raise ValueError(
-                f"degree is {shown(degree)} but quadrature is not given; degree is that of the "
-                "displacement, for 'nodal' and 'gauss'. Set UFL's degree by dS(...)(degree=4)."
+                f"degree is {shown(degree)} but quadrature is not given; degree is the degree of "
+                "the displacement for 'nodal' and 'gauss'. Set UFL's degree by dS(...)(degree=4)."
             )
         numbers = 0 if joints is None else tuple(k + 1 for k in self._positions(joints))
         measure = ufl.Measure("dS", domain=self.mesh, subdomain_data=self._joint_entities)(numbers)
@@ -211,8 +211,8 @@ class JointedMesh(Summarised):
         """Return the local axes of a joint as a UFL matrix for `dS`: rows n, s1 and, in 3-D, s2.
 
         ``dot(jointed.frame("joint_1"), jump(u))`` is the change of the gap in local axes. On curved
-        joints the frame follows the - face of each facet. With a nodal rule, the model uses the
-        mean of the facets around a node instead.
+        joints the frame belongs to the - facet. With a nodal rule, the model instead uses the mean
+        of the facets around a node.
 
         Raises:
             MeshError: The joint does not exist.
@@ -265,7 +265,7 @@ class JointedMesh(Summarised):
         given = self.joint_names if joints is None else joints
         names = [given] if isinstance(given, str) else given
         if not isinstance(names, list | tuple) or (joints is not None and not names):
-            raise MeshError(f"joints is {shown(joints)}; give joint names, or None for all.")
+            raise MeshError(f"joints is {shown(joints)}; give joint names, or None for all joints.")
         for name in names:
             if name not in self.joint_names:
                 raise MeshError(no_such_joint(name, self.joint_names))
@@ -273,7 +273,7 @@ class JointedMesh(Summarised):
 
     @cached_property
     def _surfaces(self) -> dict[tuple[int, ...], JointSurface]:
-        """Surfaces created so far, by the positions of their joints."""
+        """Existing surfaces, by the positions of their joints."""
         return {}
 
     @cached_property
@@ -308,7 +308,7 @@ def _tags_of(groups: Mapping[str, tuple[int, ...]], name: str, kind: str) -> tup
 
 
 def mesh_tags(mesh: dolfinx.mesh.Mesh, dim: int, entities: Any, values: Any) -> Any:
-    """Return the tags of entities, which are in ascending order."""
+    """Return the MeshTags of entities in ascending order."""
     return dolfinx.mesh.meshtags(mesh, dim, entities.astype(np.int32), values.astype(np.int32))
 
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Node numbers that do not depend on the partition, and nodal vectors in their order."""
+"""Node numbers that do not depend on the partition, and nodal vectors in this order."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class NodeNumbering:
     Attributes:
         space: Vector space of the nodes.
         count: Number of nodes on all ranks.
-        blocks: First node of each rank's block, and the number of nodes, shape (ranks + 1,).
+        blocks: First node of each rank's block, then the number of nodes, shape (ranks + 1,).
         positions: Coordinates of the nodes in this rank's block, shape (n, 3), [m].
         number: Number of each local node, including ghosts.
     """
@@ -48,10 +48,10 @@ class NodeNumbering:
         place = index_map.local_to_global(local).astype(np.int64)
         cells = V.mesh.topology.index_map(V.mesh.topology.dim).size_global
         slots = cells * V.dofmap.list.shape[1]
-        own = positions(self._comm, _least_slots(V, place)[:owned], slots)
-        self.number = rows_at(self._comm, own, place)
+        own_number = positions(self._comm, _lowest_slots(V, place)[:owned], slots)
+        self.number = rows_at(self._comm, own_number, place)
         self.blocks = equal_blocks(self.count, self._comm.size)
-        order = dealt(self._comm, self.count, own, place[:owned])
+        order = dealt(self._comm, self.count, own_number, place[:owned])
         self._rows = RowsAt(self._comm, owned, order)
         self.positions: Floats = self._rows(V.tabulate_dof_coordinates()[:owned])
 
@@ -77,26 +77,26 @@ class NodeNumbering:
 
     def gather(self, u: PETSc.Vec) -> Floats:
         """Return all nodal vectors, (num_nodes, 3), on rank 0, empty elsewhere (collective)."""
-        every = gathered(self._comm, self.dealt(u))
-        return np.zeros((0, 3)) if every is None else every
+        vectors = gathered(self._comm, self.dealt(u))
+        return np.zeros((0, 3)) if vectors is None else vectors
 
 
-def _least_slots(V: FunctionSpace, place: Ints) -> Ints:
+def _lowest_slots(V: FunctionSpace, place: Ints) -> Ints:
     """Return a number per local node that does not depend on the partition (collective).
 
-    The number is the smallest slot (input cell, position in the cell) of the node on any rank.
+    The number is the smallest slot (input cell, position in the cell) of the node on all ranks.
     """
     mesh, dofmap = V.mesh, V.dofmap
     cells = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
     table = dofmap.list[: len(cells)]
     slots = cells[:, None] * table.shape[1] + np.arange(table.shape[1])
-    least = np.full(len(place), np.iinfo(np.int64).max)
-    np.minimum.at(least, table.ravel(), slots.ravel())
+    lowest = np.full(len(place), np.iinfo(np.int64).max)
+    np.minimum.at(lowest, table.ravel(), slots.ravel())
     if mesh.comm.size == 1:
-        return least
+        return lowest
     owned = dofmap.index_map.size_local
     owner = dofmap.index_map.owners
-    ghosts = np.column_stack([place[owned:], least[owned:]])
+    ghosts = np.column_stack([place[owned:], lowest[owned:]])
     rows = sent_to(mesh.comm, np.asarray(owner, dtype=np.int64), ghosts)
-    np.minimum.at(least, rows[:, 0] - dofmap.index_map.local_range[0], rows[:, 1])
-    return least
+    np.minimum.at(lowest, rows[:, 0] - dofmap.index_map.local_range[0], rows[:, 1])
+    return lowest

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Choice of the - side of a joint: by geometry alone, and the same along the whole joint."""
+"""Choice of the - side of a joint by the geometry, consistent along the whole joint."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def orient_pairs(
 ) -> Flags:
     """Return True for each joint facet whose - side is ``two``, False if it is ``one``, (n,).
 
-    Normals point from the - side to the + side. The - side is the same in each connected part of a
-    joint. It makes the largest component of the mean normal positive; of equal components, the
-    first of x, y, z counts. On a closed part, which has no mean normal, the normals point outward.
-    The choice depends on the geometry alone, not on the order of cells or on the partition.
+    Normals point from the - side to the + side. Each connected part of a joint has one - side,
+    chosen such that the largest component of the mean normal is positive. For equal components, the
+    first of x, y, z is used. On a closed part, whose mean normal is zero, the normals point
+    outward. The choice depends only on the geometry, not on the order of cells or the partition.
 
     Cells are not yet split; ``one`` and ``two`` are (cell, local facet), shape (n, 2).
     """
@@ -75,7 +75,7 @@ def _relative_signs(graph: csr_array, part: Ints) -> Ints:
 
 
 def _agreement_graph(cycle: Ints, sign: Ints, joint: Ints) -> csr_array:
-    """Return the graph of facets that share a ridge: 1 if their sides agree, otherwise -1."""
+    """Return the graph of facets that share an edge (2-D: vertex): 1 if sides agree, else -1."""
     count, size = cycle.shape
     if size == 2:
         start, end = cycle[:, 0], cycle[:, 1]
@@ -100,7 +100,7 @@ def _agreement_graph(cycle: Ints, sign: Ints, joint: Ints) -> csr_array:
 
 
 def _part_signs(part: Ints, centres: Floats, normals: Floats) -> Ints:
-    """Return, for each facet, the sign that orients its part as `orient_pairs` describes."""
+    """Return, for each facet, the sign that orients its part by the rules of `orient_pairs`."""
     parts = int(part.max(initial=-1)) + 1
     members = np.bincount(part, minlength=parts)[:, None]
     mean = _sums(part, normals, parts)

@@ -39,7 +39,7 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
             )
         if joints is None and np.any(count == 2):
             _warn_of_misspelt(raw, name, names)
-        slots[name] = owner[owner[:, :, 0] >= 0]  # facets on a joint twice, once per side
+        slots[name] = owner[owner[:, :, 0] >= 0]  # twice for facets on a joint, once per side
     if duplicated or not names:
         split = pair_coincident(raw.shape, raw.cells, raw.x, names, slots)
     else:
@@ -71,7 +71,7 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
 
 
 def check_names(facet_groups: Iterable[str]) -> None:
-    """Check facet group names: joints and supports become paths in results files."""
+    """Check facet group names, which become paths in results files."""
     for name in facet_groups:
         if not is_plain_name(name):
             raise MeshError(
@@ -81,7 +81,7 @@ def check_names(facet_groups: Iterable[str]) -> None:
 
 
 def _joint_names(raw: RawMesh, joints: list[str] | None) -> tuple[list[str], bool]:
-    """Return the joint names, and whether the mesh already has duplicated joint faces."""
+    """Return the joint names, and True if the mesh already has duplicated joint faces."""
     groups = raw.facet_groups
     whole = {name.rstrip("+-") for name in groups if name[-1:] in "+-"}
     if joints is None:
@@ -107,7 +107,7 @@ def _joint_names(raw: RawMesh, joints: list[str] | None) -> tuple[list[str], boo
 
 
 def _warn_of_misspelt(raw: RawMesh, name: str, joints: list[str]) -> None:
-    """Warn of a facet group inside the body whose name resembles that of a joint."""
+    """Warn of a facet group inside the body whose name resembles a joint name."""
     stem, *stems = (n.rstrip("_-+.0123456789").lower() for n in (name, "joint", *joints))
     on_joints = [raw.facet_groups[n].ravel() for n in joints if n in raw.facet_groups]
     if name in joints or np.isin(raw.facet_groups[name], np.concatenate([[-1], *on_joints])).all():
@@ -156,7 +156,7 @@ def tag_sets(
     """Return the distinct entities, their tags, and the tags of each group.
 
     DOLFINx allows one tag per entity. Groups may overlap, so each combination of groups has a tag.
-    ``entities`` has one row per membership, ``group`` the position of its group among the names.
+    ``entities`` has one row per membership, ``group`` the position of the row's group in ``names``.
     ``of_all`` gathers the combinations of all ranks.
     """
     names = tuple(names)

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Duplication of the nodes of a conforming mesh across its joints: arrays in, arrays out.
 
-A node is split if the cells around it are not connected through facets without a joint. This rule
-also covers T and X crossings, and joints that end inside the body: nodes on the joint's front, its
-edge inside the body, stay single.
-Vertices are split first. A node inside an edge or facet is split exactly if the vertices of that
-edge or facet are, so the split mesh is conforming.
+A node is split if the cells around the node are not connected through facets without a joint. This
+rule also covers T and X crossings, and joints that end inside the body: nodes on the joint's front
+(its edge inside the body) are not split.
+
+Vertices are split first. A node inside an edge or facet is split exactly if the vertices of this
+edge or facet are split, so the split mesh is conforming.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ class SplitMesh:
         plus: Cell and local facet on the + side, shape (num_pairs, 2).
         match: Position in the + facet of the partner of each vertex of the - facet, shape
             (num_pairs, vertices per facet).
-        bonded: Number of facets per joint that have all vertices on the joint's front. They cannot
-            open and are not part of the joint.
+        bonded: Number of facets per joint with all vertices on the joint's front. These facets
+            cannot open and are not part of the joint.
     """
 
     cells: Ints
@@ -93,7 +94,7 @@ def _split_vertices(shape: CellShape, cells: Ints, joint_vertices: Ints, num_nod
 def _number_groups(table: Ints, next_number: int) -> Ints:
     """Return a number for each row (node, key...), equal for equal rows, shape (num_rows,).
 
-    The first group of equal rows of a node keeps the node's number. Other groups get new numbers.
+    The first group of equal rows of a node keeps the node number; other groups have new numbers.
     """
     groups, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
     order = np.lexsort((first, groups[:, 0]))
@@ -111,7 +112,7 @@ def _rows_in(rows: Ints, table: Ints) -> Flags:
 
 
 def _split_inner_nodes(shape: CellShape, cells: Ints, corner: Ints) -> Ints:
-    """Return the cells with inner edge and facet nodes renumbered by the split vertices."""
+    """Return the cells after splitting nodes inside edges and facets by their split vertices."""
     element = shape.element()
     topology = basix.topology(shape.type)
     new = cells.copy()
@@ -134,7 +135,7 @@ def split_cells(
 ) -> SplitMesh:
     """Duplicate the nodes across the joints, and pair the facets of the two sides.
 
-    ``joints`` are names and the vertices of the facets, shape (n, vertices per facet).
+    ``joints`` are pairs of a name and facet vertices, shape (n, vertices per facet).
     """
     names = [name for name, _ in joints]
     facets = np.vstack([vertices for _, vertices in joints])
@@ -177,7 +178,7 @@ def split_cells(
 
 
 def _check_sides(names: list[str], facets: Ints, number: Ints, count: Ints, x: Floats) -> None:
-    """Check that each joint facet separates two cells and belongs to one joint only."""
+    """Check that each joint facet separates two cells and belongs to only one joint."""
     invalid = np.flatnonzero(count != 2)
     if len(invalid):
         outer = count == 1
@@ -208,7 +209,7 @@ def pair_coincident(
 ) -> SplitMesh:
     """Pair the facets of joints that already have duplicated faces ``NAME-`` and ``NAME+``.
 
-    ``slots`` has the (cell, local facet) of the facets of each group, shape (n, 2).
+    ``slots`` are the facets (cell, local facet) of each group, shape (n, 2).
     """
     local = shape.facet_vertices
     none: Ints = np.empty((0, local.shape[1]), dtype=np.int64)

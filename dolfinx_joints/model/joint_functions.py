@@ -112,7 +112,7 @@ class JointFunctions:
             self._shown_status(response.status)[:, None].astype(np.float64),
         )
         for function, point_values in zip(self._at_points, values, strict=True):
-            self._exchange.give(function, point_values)
+            self._exchange.set_function(function, point_values)
         if "fields" in self.__dict__:
             self._fill(self.fields)
 

@@ -213,7 +213,7 @@ class BodyAndWater:
         operator = GapOperator(matrix, dry.areas, dry.joint, dry.names)
         operator.initial_gap, operator.points = dry.initial_gap, dry.points
         operator.sizes = dry.sizes
-        return contact.on(operator)
+        return contact.with_operator(operator)
 
     def _body_columns(self, dofs: Ints) -> Ints:
         """Return the column numbers of body dofs in the coupled system."""

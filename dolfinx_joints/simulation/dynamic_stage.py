@@ -128,7 +128,7 @@ class DynamicRun:
             self._ledger.record(row)
             self.state = after
             if after.joints is not None:
-                self._watch.see(after.joints.state.gap)
+                self._watch.record(after.joints.state.gap)
             if report.dt < dt and self._stepper.forces_over_steps:
                 self._acting = with_means(self._acting, after, report.dt / dt)
             self._substeps += 1

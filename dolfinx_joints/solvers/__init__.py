@@ -1,3 +1,3 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Solvers of A x + B^T (w t(B x)) = b, the same for statics and for every time step."""
+"""Solvers of A x + B^T (w t(B x)) = b for statics and for each time step."""

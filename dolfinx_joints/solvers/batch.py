@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Several runs of one model at the same time: they share factors and solve in blocks."""
+"""Concurrent runs of one model that share factors and solve for several right-hand sides."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Made = TypeVar("Made")
 class SharedBulk:
     """Factors and compliances that several runs of one model share.
 
-    A `MatrixSystem` with a ``shared`` attribute takes its factors from it, and solves with them in
-    blocks for all runs that wait for a solution.
+    A `MatrixSystem` whose attribute ``shared`` is this object uses these factors. One block solve
+    then serves all runs that wait for a solution.
 
     Attributes:
         scheduler: Scheduler of the runs.
@@ -34,12 +34,12 @@ class SharedBulk:
     def once(
         self, key: Hashable, make: Callable[[], Made], free: Callable[[Made], None] | None = None
     ) -> Made:
-        """Return the object of a key, made if it is missing (collective).
+        """Return the object of a key; make the object on the first call (collective).
 
         Args:
             key: Name of the object.
-            make: Function that makes it.
-            free: Function that frees it when all runs have ended.
+            make: Function that makes the object.
+            free: Function that frees the object when all runs have ended.
         """
         if key not in self._made:
             self._made[key] = made = make()
@@ -49,7 +49,7 @@ class SharedBulk:
         return result
 
     def destroy(self) -> None:
-        """Free all objects, the last one first."""
+        """Free all objects in reverse order."""
         self._made.clear()
         self._free.close()
 
@@ -57,10 +57,10 @@ class SharedBulk:
 class BatchScheduler:
     """Cooperative scheduler that batches identical requests from several concurrent runs.
 
-    Each run has its own thread, but only one thread is active at a time, until it makes a request
-    or ends. When all runs wait, the most frequent request is computed for all runs that made it, in
-    one call; deferrable requests come last. The order depends on the requests alone, so that it is
-    the same on all ranks.
+    Each run has a separate thread. Only one thread is active at a time, until it makes a request or
+    ends. When all runs wait, one call computes the most frequent request for all runs that made it;
+    deferrable requests come last. The order depends only on the requests, so all ranks have the
+    same order.
     """
 
     def __init__(self) -> None:
@@ -70,17 +70,17 @@ class BatchScheduler:
         self._abandoned = False
 
     def run(
-        self, functions: Mapping[str, Callable[[], Any]], most: int
+        self, functions: Mapping[str, Callable[[], Any]], at_once: int
     ) -> dict[str, Any | Exception]:
-        """Return the result or the `Exception` of each function; other exceptions end all of them.
+        """Return the result or the `Exception` of each function; other exceptions end all runs.
 
         Args:
             functions: Functions by name, started in this order.
-            most: Largest number of functions at a time; others start when one has ended.
+            at_once: Largest number of concurrent functions; one ends, the next one starts.
         """
         runs = {name: _Run(function, self._back) for name, function in functions.items()}
         begin = deque(runs.values())
-        ready = deque(begin.popleft() for _ in range(min(most, len(begin))))
+        ready = deque(begin.popleft() for _ in range(min(at_once, len(begin))))
         waiting: dict[Hashable, list[_Run]] = {}
         try:
             while ready or waiting:
@@ -111,10 +111,10 @@ class BatchScheduler:
         *,
         deferrable: bool = False,
     ) -> Any:
-        """Return the result of a request; outside of a run it is computed at once.
+        """Return the result of a request; outside of a run, compute the result at once.
 
         Args:
-            key: Key of requests that are computed together.
+            key: Key; requests with equal keys are computed together.
             compute: Function that computes the results of several arguments.
             argument: Argument of this request.
             deferrable: True if the request may wait, to be batched with later ones.
@@ -192,7 +192,7 @@ class _Run:
 
 
 def _compute(runs: Sequence[_Run]) -> None:
-    """Compute the request of a batch of runs; raise a failure in each of them."""
+    """Compute the request of a batch of runs; pass a failure on to each run."""
     try:
         results = runs[0].compute([run.argument for run in runs])
     except Exception as failure:

@@ -19,7 +19,7 @@ from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.effective_matrix import iterates
-from dolfinx_joints.solvers.first_that_works import HoldingBonds, OtherStarts, StaticSolver
+from dolfinx_joints.solvers.first_that_works import BondReleaseSolver, OtherStarts, StaticSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
 
@@ -42,17 +42,17 @@ def make_solver(
     Args:
         system: The system.
         options: Tolerances and limits.
-        kind: ``condensed``, ``monolithic``, ``forms`` or ``auto``. With ``auto`` it is condensed,
-            but monolithic for plastic cells, and for a bulk solved by iteration unless joints are
-            too stiff compared with its elements (`STIFF_AT_NODES`). The reference ``forms`` is the
-            monolithic solver with joints assembled by interior-facet integrals. If the shortest
-            static increment does not converge, other starts are tried; ``auto`` also tries other
-            solvers and pseudo-time.
+        kind: ``condensed``, ``monolithic``, ``forms`` or ``auto``. ``auto`` selects the condensed
+            solver. It selects the monolithic one for plastic cells, and for an iteratively solved
+            bulk unless joints are much stiffer than its elements (`STIFF_AT_NODES`). The reference
+            ``forms`` is the monolithic solver with joints assembled by interior-facet integrals. If
+            the shortest static increment does not converge, other starts are tried; ``auto`` also
+            tries other solvers and pseudo-time.
         static_steps: Number of static load steps to be solved; 0 in dynamics.
     """
     solver = _solver_of(system, options, kind, static_steps)
     brittle = system.contact is not None and system.contact.brittle
-    return HoldingBonds(solver) if brittle else solver
+    return BondReleaseSolver(solver) if brittle else solver
 
 
 def _solver_of(
@@ -61,7 +61,7 @@ def _solver_of(
     kind: SolverKind,
     static_steps: int,
 ) -> StepSolver:
-    """Return a solver of steps in which no bond breaks (collective)."""
+    """Return a solver of steps without breaking bonds (collective)."""
     contact = system.contact
     first = _first_solver(system, options, kind, static_steps)
     if not static_steps or contact is None or system.bulk is not None:
@@ -124,9 +124,9 @@ def _suits_multigrid(system: MatrixSystem, contact: Contact, options: SolverOpti
     if contact.rigid or not iterates(system, options.linear):
         return False
     operator, diagonal = contact.operator, system.stiffness.getDiagonal()
-    own = diagonal_compliance(operator.matrix, diagonal).reshape(-1, 3)
+    compliance = diagonal_compliance(operator.matrix, diagonal).reshape(-1, 3)
     closed = operator.areas[:, None] * np.repeat(contact.closed_stiffness(), (1, 2), axis=1)
-    ratio = float((own * closed).max(initial=0.0))
+    ratio = float((compliance * closed).max(initial=0.0))
     at_nodes = getattr(operator, "quadrature", None) in ("auto", "nodal")
     largest = limits.STIFF_AT_NODES if at_nodes else limits.STIFF_ELSEWHERE
     return bool(operator.comm.allreduce(ratio, MPI.MAX) <= largest)
@@ -139,7 +139,7 @@ def _by_forms(system: MatrixSystem, contact: Contact) -> MatrixSystem:
 
 
 def _for_steps(options: SolverOptions | None, contact: Contact, static_steps: int) -> SolverOptions:
-    """Return options without a stored compliance if the solves are too few to pay for it."""
+    """Return the options, without a stored compliance if too few solves would use it."""
     options, unknowns = options or SolverOptions(), 3 * contact.operator.num_points
     few = unknowns > limits.LARGEST_WHOLE
     few = few and 0 < limits.STATIC_SOLVE_COLUMNS * static_steps < unknowns

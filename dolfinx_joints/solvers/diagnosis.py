@@ -25,7 +25,7 @@ NOT_FACTORED = (
     "restrained by supports?)"
 )
 
-# PETSc's error codes of a zero or negative pivot, and of lack of memory.
+# PETSc's error codes for a zero or negative pivot, and for insufficient memory.
 _ZERO_PIVOT = (71, 81)
 _OUT_OF_MEMORY = 55
 
@@ -40,14 +40,14 @@ _MUMPS = {
 
 
 def why_singular(matrix: PETSc.Mat) -> str:
-    """Return the error message for a matrix that has no solution (collective)."""
-    # The Frobenius norm is NaN if an entry is; the largest absolute value may not be.
+    """Return the error message for a matrix that is singular or not finite (collective)."""
+    # The Frobenius norm is NaN if an entry is NaN; the largest absolute value may be finite.
     finite = math.isfinite(matrix.norm(PETSc.NormType.NORM_FROBENIUS))
     return SINGULAR if finite else NOT_FINITE
 
 
 def reported_by_package(pc: PETSc.PC) -> str:
-    """Return the reason that the package reports, with a space and in brackets, or ''."""
+    """Return the reason that MUMPS reports, as " (...)", or an empty string."""
     if pc.getFactorSolverType() != "mumps":
         return ""
     factor = pc.getFactorMatrix()

@@ -34,14 +34,14 @@ ZERO_PIVOT = (
 
 
 class DirectSolver:
-    """PETSc direct solver; its options are removed from PETSc's database after use.
+    """PETSc direct solver; the solver's options are removed from PETSc's database after use.
 
     Args:
         matrix: Matrix to be factored.
         symmetric: Use Cholesky (CHOLMOD on one rank if PETSc has it, else MUMPS) instead of LU.
-        mumps: Use MUMPS on one rank, too.
-        often: The factor will solve many right-hand sides one after the other. With CHOLMOD, a
-            second factor in blocks of a node is then kept if it is faster (`NodeBlocks`).
+        mumps: Use MUMPS also on one rank.
+        often: True if many right-hand sides will be solved one after the other. With CHOLMOD, a
+            second factor in node blocks is then kept if that factor is faster (`NodeBlocks`).
         options: PETSc options that replace the defaults, without prefix.
         name: Name of the system; the options prefix is ``dolfinx_joints_NAME_``.
 
@@ -88,7 +88,7 @@ class DirectSolver:
         self._stale = True
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Solve A x = b; return True if the matrix was factored for it (collective)."""
+        """Solve A x = b; return True if this call factored the matrix (collective)."""
         factored = self._factor_if_stale()
         with self._errors_converted():
             (self._blocks or self._ksp).solve(b, x)
@@ -100,8 +100,8 @@ class DirectSolver:
     def solve_block(self, right_hand_sides: Floats) -> Floats:
         """Solve A X = B for several right-hand sides at once (collective).
 
-        The factor is read once per block instead of once per column, which makes a column several
-        times cheaper; `BLOCK_COLUMNS` is a good number of columns.
+        The factor is read once per block instead of once per column. A column is then several times
+        cheaper; `BLOCK_COLUMNS` is a good number of columns.
 
         Args:
             right_hand_sides: Owned rows of B, shape (local rows, columns), [N]; the number of
@@ -119,8 +119,8 @@ class DirectSolver:
             if self._blocks is None:
                 self._ksp.getPC().getFactorMatrix().matSolve(b, x)
             else:
-                # Another factor of a nearly singular matrix would give other solutions than the
-                # steps.
+                # Use the factor of the steps: for a nearly singular matrix the solutions of two
+                # factors differ.
                 self._blocks.solve_block(right_hand_sides, x.getDenseArray())
         if factored and not self._solves_block(b, x):
             self._stale = True
@@ -133,11 +133,11 @@ class DirectSolver:
     def solve_sparse(self, rows: PETSc.Mat) -> Floats:
         """Solve A X = B for right-hand sides with few entries, by MUMPS (collective).
 
-        MUMPS passes only over the part of the factor that the entries reach, and the ranks exchange
-        entries only. This is two to three times as fast as `solve_block`.
+        MUMPS reads only the part of the factor that depends on these entries, and the ranks
+        exchange only entries. This method is two to three times as fast as `solve_block`.
 
         Args:
-            rows: B^T, sparse, all of its rows on rank 0, [N].
+            rows: B^T, sparse, with all rows on rank 0, [N].
 
         Returns:
             Owned rows of X, shape (local rows, columns), each column contiguous, [m].
@@ -161,14 +161,14 @@ class DirectSolver:
         return dense.setUp()
 
     def _solves(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Return True if a new factor is valid: LU of a singular matrix may end without error."""
+        """Return True if a new factor is valid. LU may not report that a matrix is singular."""
         residual = b.duplicate()
         self._matrix.mult(x, residual)
         residual.axpy(-1.0, b)
         return bool(residual.norm() <= limits.FACTOR_RESIDUAL * b.norm())
 
     def _solves_block(self, b: PETSc.Mat, x: PETSc.Mat) -> bool:
-        """Return True if a new factor is valid, from the solutions of a block."""
+        """Return True if a new factor is valid, judged by the solutions of a block."""
         residual = self._matrix.matMult(x)
         residual.axpy(-1.0, b)
         solves = bool(residual.norm() <= limits.FACTOR_RESIDUAL * b.norm())
@@ -176,12 +176,12 @@ class DirectSolver:
         return solves
 
     def _factor_if_stale(self) -> bool:
-        """Factor the matrix if it has changed; return True if it was factored."""
+        """Factor the matrix if it has changed; return True if a factor was computed."""
         if not self._stale:
             return False
         failure = self._factor()
         if failure == OUT_OF_MEMORY:
-            # MUMPS estimates its workspace before it chooses pivots: repeat once with far more.
+            # MUMPS estimates its workspace before pivoting: repeat once with a far larger one.
             self._ksp.destroy()
             self._create_ksp()
             self._options[WORKSPACE] = MORE_WORKSPACE
@@ -193,7 +193,7 @@ class DirectSolver:
         return True
 
     def _add_node_blocks(self) -> None:
-        """Add a factor in blocks of a node if it is faster."""
+        """Add a factor in node blocks if that factor is faster."""
         if self._blocks is not None:
             self._blocks.destroy()
             self._blocks = None
@@ -216,7 +216,7 @@ class DirectSolver:
         raise JointsError(f"The matrix could not be factored{reason}.")
 
     def _factor(self) -> int:
-        """Factor the matrix; return PETSc's reason of a failure, or 0."""
+        """Factor the matrix; return PETSc's reason for a failure, or 0."""
         with options_set(self._ksp.getOptionsPrefix(), self._options):
             self._ksp.setOperators(self._matrix)
             with self._errors_converted():
@@ -242,11 +242,11 @@ class DirectSolver:
 
 
 class SignedSolver(DirectSolver):
-    """Solver that factors D_s A as L D L^T, D_s being the signs of the rows, instead of A as L U.
+    """Solver that factors D_s A = L D L^T instead of A = L U; D_s is the diagonal of row signs.
 
-    It takes half the memory and factorization time. A has a positive symmetric part and a skew one
-    that couples the two kinds of rows. D_s A is therefore quasi-definite: its factors exist in any
-    order of the unknowns (Vanderbei 1995).
+    L D L^T takes half the memory and factorization time. The symmetric part of A is positive
+    definite; the skew part couples the two kinds of rows. D_s A is therefore quasi-definite, so its
+    factors exist for any order of the unknowns (Vanderbei 1995).
 
     Args:
         matrix: A.
@@ -254,14 +254,14 @@ class SignedSolver(DirectSolver):
     """
 
     def __init__(self, matrix: PETSc.Mat, signs: PETSc.Vec) -> None:
-        """Change the signs in a copy of the matrix (collective)."""
+        """Change the signs of the rows in a copy of the matrix (collective)."""
         signed = matrix.copy()
         signed.diagonalScale(L=signs)
         self._signs = signs
         super().__init__(signed, symmetric=True, mumps=True)
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Solve A x = b; return True if the matrix was factored for it (collective)."""
+        """Solve A x = b; return True if this call factored the matrix (collective)."""
         right_hand_side = b.duplicate()
         right_hand_side.pointwiseMult(b, self._signs)
         return super().solve(right_hand_side, x)
@@ -289,6 +289,6 @@ def multiplied(matrix: PETSc.Mat, columns: Floats) -> Floats:
 
 
 def _dense(rows: Floats, sizes: tuple[int, int], comm: PETSc.Comm) -> PETSc.Mat:
-    """Return the dense matrix of the ranks' rows, with given local and global numbers of rows."""
+    """Return a dense matrix of the ranks' rows; ``sizes`` are the local and global row counts."""
     size = (sizes, (PETSc.DECIDE, rows.shape[1]))
     return PETSc.Mat().createDense(size, array=np.asfortranarray(rows), comm=comm)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Matrices A = m M + c C + k K of a system with its constraints, kept by their coefficients."""
+"""Matrices A = m M + c C + k K of a system with constraints, cached by their coefficients."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class MatrixCoefficients:
         mass: Coefficient of M.
         damping: Coefficient of C.
         stiffness: Coefficient of K.
-        exact_modes: Number of lowest modes with the mass and damping of a `ModalStep`. For midpoint
-            steps only, where ``damping`` is 1 / dt.
+        exact_modes: Number of lowest modes with the mass and damping of a `ModalStep`. Only for
+            midpoint steps, in which ``damping`` is 1 / dt.
     """
 
     mass: float
@@ -43,14 +43,14 @@ class MatrixCoefficients:
     exact_modes: int = 0
 
     def modal_step(self, system: MatrixSystem) -> ModalStep | None:
-        """Return the mass and damping of the exact modes, None without them (collective)."""
+        """Return the mass and damping of the exact modes, None without exact modes (collective)."""
         if not self.exact_modes:
             return None
         step = lowest_modes(system, self.exact_modes).step(2.0 * self.damping)
         return step if step.used else None
 
 
-# Coefficients of K alone.
+# Coefficients of statics: A = K.
 STATIC = MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)
 
 
@@ -67,11 +67,11 @@ class EffectiveMatrix:
     Attributes:
         full: A, without the change by exact and damped modes.
         constrained: A with rows and columns of constrained dofs replaced by a diagonal.
-        change: Change of both matrices by exact and damped modes, None without them.
+        change: Change of both matrices by exact and damped modes, None without such modes.
         norm: Infinity norm of A.
         inertia: True if A is the matrix of a time step.
         symmetric: True if A is symmetric after changing the sign of the rows of waves in water.
-        scheduler: Scheduler of several runs that solve with it, None for one run (`SharedBulk`).
+        scheduler: Scheduler of the runs that share this matrix (`SharedBulk`), None for one run.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class EffectiveMatrix:
     def of(
         cls, system: MatrixSystem, effective: MatrixCoefficients, *, linear: LinearSolver = "auto"
     ) -> EffectiveMatrix:
-        """Return the matrix of a system, shared with other runs if the system is (collective)."""
+        """Return the matrix of a system, shared between the runs of a batch (collective)."""
         if system.shared is None:
             return cls(system, effective, linear=linear)
         key = ("matrix", effective, linear)
@@ -125,9 +125,9 @@ class EffectiveMatrix:
 
     @property
     def solver(self) -> DirectSolver | IterativeSolver:
-        """Solver of ``constrained``, made on first use and kept (collective).
+        """Solver of ``constrained``, made on first use (collective).
 
-        It excludes the change by exact and damped modes, which `solve` and `solve_block` include.
+        `solve` and `solve_block` also include the change by exact and damped modes.
         """
         if self._solver is None:
             self._solver = self._new_solver()
@@ -146,7 +146,7 @@ class EffectiveMatrix:
         return IterativeSolver(self.constrained)
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, **options: float) -> bool:
-        """Solve A x = b with zero at constrained dofs; return True if it factored (collective)."""
+        """Solve A x = b, x = 0 at constrained dofs; return True if A was factored (collective)."""
         if self.scheduler is None or options:
             return bool(self._complete.solve(b, x, **options))
         right_hand_side = b.getArray(readonly=True).copy()
@@ -164,11 +164,11 @@ class EffectiveMatrix:
 
     @property
     def positive(self) -> bool:
-        """Whether A is symmetric, factored, and without rows of water, which change its sign."""
+        """True if A is symmetric and solved directly, without water, whose rows change sign."""
         return self.symmetric and self._signs is None and not self._iterates
 
     def modal_parts(self) -> tuple[Floats, Floats] | None:
-        """Return Z and W of `ChangedSolver`, None without modes (collective)."""
+        """Return Z and W of `ChangedSolver`, None without exact or damped modes (collective)."""
         complete = self._complete
         return complete.parts() if isinstance(complete, ChangedSolver) else None
 
@@ -200,11 +200,11 @@ class EffectiveMatrix:
     def solve_linear(
         self, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec, **options: float
     ) -> bool:
-        """Solve A x = b in place, with the values of x at constrained dofs (collective).
+        """Solve A x = b in place for given values of x at the constrained dofs (collective).
 
         Args:
             b: Right-hand side [N].
-            x: Values at the constrained dofs; the others are overwritten by the solution [m].
+            x: Given values at the constrained dofs, solution at the others [m].
             unconstrained: 1 for unconstrained and 0 for constrained dofs.
             options: Options of an iterative solver.
 
@@ -243,7 +243,7 @@ class EffectiveMatrix:
 
 
 def _modal_change(system: MatrixSystem, effective: MatrixCoefficients) -> ModalChange | None:
-    """Return the change of A by exact and damped modes, None without them (collective)."""
+    """Return the change of A by exact and damped modes, None without such modes (collective)."""
     changes, comm = [], system.mass.comm.tompi4py()
     step = effective.modal_step(system)
     if step is not None:
@@ -274,7 +274,7 @@ class Cache:
         self._kept: OrderedDict[Any, Any] = OrderedDict()
 
     def __call__(self, key: Any) -> Any:
-        """Return the object of a key, made if it is missing."""
+        """Return the object of a key; make the object if it is not in the cache."""
         if key not in self._kept:
             while len(self._kept) >= self._size:
                 self._kept.popitem(last=False)[1].destroy()
@@ -283,12 +283,12 @@ class Cache:
         return self._kept[key]
 
     def items(self) -> list[tuple[Any, Any]]:
-        """Return the keys and objects, the last used one at the end."""
+        """Return the keys and objects in the order of their last use."""
         return list(self._kept.items())
 
 
 def iterates(system: MatrixSystem, linear: LinearSolver) -> bool:
-    """Return True if the matrices of a system are solved by iteration (collective)."""
+    """Return True if linear systems with the matrices are solved by iteration (collective)."""
     if linear != "auto":
         return linear == "iterative"
     if not system.symmetric or system.coupled is not None:

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Wrappers of solvers: fall back to another one, or repeat a step after releasing broken bonds."""
+"""Solver wrappers: fall back to another solver, or repeat a step after releasing broken bonds."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from dolfinx_joints.solvers.step_solver import Solution, SolverAround, StepEquat
 class StaticSolver(SolverAround):
     """Solver of static increments that tries other solvers only as a last resort.
 
-    The first solver follows the branch of equilibria that the accepted state is on. The others may
-    find another branch, to which the structure jumps.
+    The first solver follows the branch of equilibria of the accepted state. The other solvers may
+    find another branch, to which the structure then jumps.
 
     Args:
         first: Solver of all increments.
-        others: Functions that make the other solvers on first use, each from the solver before it.
+        others: Functions that make the other solvers on first use, each from the previous solver.
 
     Attributes:
         last_resort: True if the other solvers are tried when the first one does not converge.
@@ -67,7 +67,7 @@ class StaticSolver(SolverAround):
 
 
 class OtherStarts(SolverAround):
-    """Wrapper that starts static increments elsewhere than at the accepted state (`follows_path`).
+    """Wrapper whose static increments do not start from the accepted state (`follows_path`).
 
     Args:
         inner: The solver.
@@ -82,12 +82,12 @@ class OtherStarts(SolverAround):
             self.inner.follows_path = True
 
 
-class HoldingBonds(SolverAround):
+class BondReleaseSolver(SolverAround):
     """Wrapper that solves a step with intact bonds, then again without the most overloaded ones.
 
     A step often has one solution with intact bonds and another with broken bonds. A bond breaks
-    only if a converged solution overloads it, never because an iterate does, so that bonds stay
-    intact if they can.
+    only if a converged solution overloads it; an overload in an iterate does not break the bond.
+    The solution with intact bonds is therefore preferred.
 
     Args:
         inner: Solver of a step whose bonds do not change.

@@ -17,10 +17,10 @@ Floats = NDArray[np.float64]
 
 
 class Solver(Protocol):
-    """Solver of A, factored or iterated."""
+    """Direct or iterative solver of A x = b."""
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Solve A x = b; return True if the matrix was factored for it (collective)."""
+        """Solve A x = b; return True if this call factored the matrix (collective)."""
 
     def solve_block(self, right_hand_sides: Floats) -> Floats:
         """Return the owned rows of X with A X = B (collective)."""
@@ -32,7 +32,7 @@ class ModalChange:
     Args:
         columns: Owned rows of Psi, shape (local dofs, modes).
         delta: Diagonal, shape (modes,), [N/m].
-        of_supports: Function of x that returns the part of moving supports in delta Psi^T x.
+        of_supports: Function of x: contribution of moving supports to delta Psi^T x.
         comm: Communicator of the ranks.
     """
 
@@ -67,10 +67,10 @@ class ModalChange:
 
 
 class ChangedSolver:
-    """Solver of A + Psi delta Psi^T from one of A by the Woodbury formula (34b).
+    """Solver with A + Psi delta Psi^T that uses a solver with A, by the Woodbury formula (34b).
 
-    Z = A^-1 Psi takes one back-substitution per mode for each factor. With y = A^-1 b the solution
-    is y - Z delta (I + Psi^T Z delta)^-1 Psi^T y.
+    For each factor of A, Z = A^-1 Psi costs one back-substitution per mode. With y = A^-1 b and
+    W = delta (I + Psi^T Z delta)^-1 the solution is y - Z W Psi^T y.
 
     Args:
         original: Solver of A.
@@ -83,7 +83,7 @@ class ChangedSolver:
         self._parts: tuple[Floats, Floats] | None = None
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, **options: float) -> bool:
-        """Solve for x; return True if A was factored for it (collective)."""
+        """Solve for x; return True if this call factored A (collective)."""
         factored = bool(self._original.solve(b, x, **options))
         if factored:
             self._parts = None
@@ -103,7 +103,7 @@ class ChangedSolver:
         return correction
 
     def parts(self) -> tuple[Floats, Floats]:
-        """Return Z and W: the inverse is that of A minus Z W Z^T (collective)."""
+        """Return Z and W; the inverse of the changed matrix is A^-1 - Z W Z^T (collective)."""
         change = self._change
         if self._parts is None:
             responses = np.asfortranarray(self._original.solve_block(change.columns))

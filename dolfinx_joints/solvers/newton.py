@@ -1,12 +1,12 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The algebraic step, monolithic reference path: Newton on A x + B^T (w t(g + B x)) = b.
+"""Monolithic reference solver of a step: Newton's method on A x + B^T (w t(g + B x)) = b (13).
 
 Plastic cells add forces in the same way (`plastic_bulk`).
 
-x is the change of the displacement in the step, g the gap at its start and A = m M + c C + k K.
-Statics (k = 1) and every time step are solved by the same code, which does not depend on time.
-Because x is a change, large displacements that hardly move lose no digits to rounding.
+x is the change of the displacement in the step, g the gap at the start of the step, t the traction,
+w the areas of the joint points, and A = m M + c C + k K. The same code solves statics (k = 1) and
+every time step. Small changes of large displacements lose no digits, because x is the change.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ Floats = NDArray[np.float64]
 class NewtonSolver(StepSolver):
     """Full Newton method with the consistent, unsymmetric tangent, factored or solved by multigrid.
 
-    Without joints a solve is one back-substitution. Matrices and factors are kept for the last few
-    sets of coefficients.
+    Without joints a solve is one back-substitution. The matrices and factors of the last few sets
+    of coefficients are kept.
 
     Args:
         system: The system.
@@ -127,7 +127,7 @@ class BodyIterate:
         unit: Unit of reported norms.
         relative: Residual relative to the forces.
         accepted: True if the residual is within the tolerance or rounding error.
-        target: Share of the residual that a correction should leave.
+        target: Share of the residual that should remain after a correction.
     """
 
     change: PETSc.Vec
@@ -152,7 +152,7 @@ class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
         equation: Equation of the step.
 
     Attributes:
-        polishes: True if the solution gets one more correction (`polished`).
+        polishes: True if the solution is corrected once more (`polished`).
         factorizations: Number of matrices factored so far.
     """
 
@@ -169,30 +169,30 @@ class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
         self.force, self._correction = (equation.b.duplicate() for _ in range(2))
 
     def accepted(self, at: AnyIterate) -> AnyIterate:
-        """Return the iterate itself, and free the vectors of rejected ones (collective)."""
+        """Return the iterate unchanged; free the vectors of rejected iterates (collective)."""
         free_petsc_garbage(at.change.comm.tompi4py())
         return at
 
     def solved(self, at: AnyIterate, before: AnyIterate | None, *, last: bool) -> bool:
         """Return True if the residual is small enough.
 
-        In statics rounding error is not accepted here, but only after one more `correction`.
+        In statics a residual within rounding error needs one more `correction` to be accepted.
         """
         return at.accepted if self.matrix.inertia else at.relative <= self.wanted
 
     def correction(self, at: AnyIterate, before: AnyIterate | None) -> PETSc.Vec | None:
         """Return Newton's correction of x (collective).
 
-        In statics return None if the residual is within rounding error and the correction is small.
-        An unsupported block would keep drifting.
+        In statics return None if the residual is within rounding error and the correction is small;
+        the corrections of an unsupported block stay large.
         """
-        fallen = 1.0 if before is None else at.norm / before.norm
-        correction = self._correct(at, forcing(limits.BODY_FORCING, fallen, at.target))
+        reduction = 1.0 if before is None else at.norm / before.norm
+        correction = self._correct(at, forcing(limits.BODY_FORCING, reduction, at.target))
         settled = at.accepted and correction.norm() <= limits.SETTLED * at.change.norm()
         return None if settled else correction
 
     def polished(self, at: AnyIterate) -> AnyIterate:
-        """Correct once more if that reduces the residual, to balance the energy (collective)."""
+        """Correct once more if the residual decreases, to balance the energy (collective)."""
         better = self.trial(at, self._correct(at, limits.POLISH), 1.0)
         return better if better.norm < at.norm else at
 
@@ -213,9 +213,9 @@ class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
     def _correct(self, at: AnyIterate, tolerance: float) -> PETSc.Vec:
         """Return Newton's correction of x (collective).
 
-        The tangent is singular if a block has no closed, sticking point or support, or if plastic
+        The tangent may be singular if a block has neither a support nor a sticking point, or if
         cells yield. A small share of the stiffness of closed joints and elastic cells is then added
-        to it. The correction depends on that share, the equilibrium does not.
+        to the tangent. The correction depends on this share, the equilibrium does not.
         """
         load, tolerance = self.right_hand_side(at, tolerance)
         for part in limits.REGULARISATIONS:

@@ -13,7 +13,7 @@ from dolfinx_joints.solvers.step_solver import SolverOptions
 
 
 class Iterate(Protocol):
-    """Iterate of a problem with all that its residual and tangent need; it is never changed."""
+    """Immutable iterate of a problem, with all data of its residual and tangent."""
 
     @property
     def norm(self) -> float:
@@ -34,19 +34,19 @@ class Problem(Protocol[AnyIterate, AnyCorrection]):
         """Return the iterate after subtracting a share of a correction."""
 
     def accepted(self, at: AnyIterate) -> AnyIterate:
-        """Return the iterate to continue with from the start, or from the best trial."""
+        """Return the iterate that replaces the start or the best trial."""
 
     def solved(self, at: AnyIterate, before: AnyIterate | None, *, last: bool) -> bool:
         """Return True if an iterate is the solution.
 
         Args:
             at: The iterate.
-            before: The iterate before it, None at the start.
+            before: The previous iterate, None at the start.
             last: True if this is the last iteration.
         """
 
     def correction(self, at: AnyIterate, before: AnyIterate | None) -> AnyCorrection | None:
-        """Return Newton's correction, to be subtracted; None if the iterate needs no correction."""
+        """Return Newton's correction, to be subtracted; None if no correction is needed."""
 
     def failure(
         self, at: AnyIterate, before: AnyIterate | None, iterations: int
@@ -60,14 +60,14 @@ def newton(
     """Return the solution, and the norms of the residual at the start and after each iteration.
 
     Corrections are halved until the residual falls. The residual has kinks where points open or
-    slide. Halved corrections may creep towards a kink that is no solution; a few full corrections
-    leave it.
+    slide. Halved corrections may creep towards a kink that is not a solution; a few full
+    corrections then move away from the kink.
 
     Args:
         problem: The equations.
         options: Limits of iterations and halvings.
-        leaps: True if full corrections are allowed. Beyond the limit load of plastic cells they
-            diverge, until the residual is small compared with stiffness times displacement.
+        leaps: True if full corrections may increase the residual. With plastic cells they diverge
+            beyond the limit load, until the residual is small compared with K x.
 
     Raises:
         ConvergenceError: No solution was found.
@@ -110,12 +110,12 @@ def _best(
     return best
 
 
-def forcing(first: float, fallen: float, target: float) -> float:
-    """Return the share of the residual that a correction may leave (Eisenstat and Walker 1996).
+def forcing(first: float, reduction: float, target: float) -> float:
+    """Return the share of the residual allowed after a correction (Eisenstat and Walker 1996).
 
     Args:
         first: Share for the first correction.
-        fallen: Residual over that of the previous iterate, 1 at the start.
-        target: Accepted residual over the residual.
+        reduction: Residual divided by the residual of the previous iterate, 1 at the start.
+        target: Accepted residual divided by the present residual.
     """
-    return max(min(first, fallen**2), limits.FORCING_MARGIN * target)
+    return max(min(first, reduction**2), limits.FORCING_MARGIN * target)

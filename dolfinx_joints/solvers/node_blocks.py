@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Cholesky factor in blocks of a node, for one right-hand side at a time.
+"""Cholesky factor in node blocks, for one right-hand side at a time.
 
-PETSc's factor of a matrix in symmetric blocks (SBAIJ) reads one index for the four or nine entries
-of a block and has no dense panels. If the columns of the factor are short, it solves up to twice as
+PETSc's factor of a symmetric block matrix (SBAIJ) reads one index for the four or nine entries of a
+block and has no dense panels. If the columns of the factor are short, PETSc solves up to twice as
 fast as CHOLMOD.
 """
 
@@ -17,15 +17,15 @@ from dolfinx_joints.solvers import limits
 
 Floats = NDArray[np.float64]
 
-# Numbers of dofs per node for which PETSc has unrolled loops.
+# Block sizes (dofs per node) for which PETSc has unrolled loops.
 BLOCKS = (2, 3)
 
 
 class NodeBlocks:
-    """Cholesky factor in blocks of a node.
+    """Cholesky factor in node blocks.
 
     Args:
-        matrix: Symmetric positive definite AIJ matrix on one rank, its blocks those of a node.
+        matrix: Symmetric positive definite AIJ matrix on one rank; block size: dofs per node.
     """
 
     def __init__(self, matrix: PETSc.Mat) -> None:
@@ -54,7 +54,7 @@ class NodeBlocks:
 
     @staticmethod
     def serves(matrix: PETSc.Mat, entries: float) -> bool:
-        """Return True if it is faster than a supernodal factor with this number of entries."""
+        """Return True if node blocks are faster than a supernodal factor with so many entries."""
         size = matrix.getSize()[0]
         short = entries <= limits.NODE_BLOCK_COLUMN * size and size <= limits.NODE_BLOCK_ROWS
         return short and matrix.getBlockSize() in BLOCKS

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Statics in pseudo-time: a path to equilibria that Newton's method does not reach in one step."""
+"""Pseudo-time steps to static equilibria that Newton's method does not reach in one step."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from dolfinx_joints.solvers.step_solver import Solution, SolverAround, StepEquat
 class PseudoTime(SolverAround):
     """Solver of a static step by increasingly long steps in pseudo-time.
 
-    Each is a backward Euler step from rest,
+    Each step is a backward Euler step from rest,
 
         M (x - x0) / dt^2 + K x + B^T w t(g + B x) = b,                                       (28a)
 
-    from the x0 of the last one, until the inertia is negligible. The laws start from the state at
-    the start of the static step, so that the result solves the static equations.
+    from the solution x0 of the previous one, until the inertia is negligible. The laws start from
+    the state at the start of the static step, so that the result solves the static equations.
 
     Near the limit load of the joints, and where rigid joints open, Newton's method may cycle
-    between sets of open and sliding points. Inertia limits how many points change at a time. A
-    mechanism keeps moving and fails in the end. Not for plastic cells: in yielding cells K x grows
-    without bound, and every other force becomes negligible.
+    between sets of open and sliding points. Inertia limits how many points change at a time. On a
+    mechanism the inertia never vanishes, and the solve fails. Plastic cells are not supported: in
+    yielding cells K x grows without bound, and all other forces become negligible.
 
     Args:
         inner: Solver of the steps.
@@ -58,7 +58,7 @@ class PseudoTime(SolverAround):
                 rate /= share
                 continue
             except JointsError as failure:
-                # With almost no inertia the matrix of a mechanism is singular.
+                # With negligible inertia the matrix of a mechanism is singular.
                 raise moving or failure from None
             iterations += report.iterations
             factorizations += report.factorizations

@@ -29,9 +29,9 @@ class SolverOptions:
     """Tolerances and limits of the solvers.
 
     Attributes:
-        relative_tolerance: Residual over the largest force that changes in the step. The condensed
-            solver aims at a hundredth of it. Both solvers accept a larger residual if it is
-            rounding error, see `limits`.
+        relative_tolerance: Accepted residual divided by the largest force that changes in the step.
+            The condensed solver aims at a hundredth of this value. Both solvers also accept a
+            larger residual within rounding error, see `limits`.
         max_iterations: Iterations after which the solve fails.
         max_cuts: Largest number of halvings of a Newton correction by the line search.
         linear: Solver of the bulk, ``direct``, ``mumps`` (direct, without CHOLMOD), ``iterative``,
@@ -61,10 +61,10 @@ class SolveReport:
     Attributes:
         iterations: Newton iterations (1 for a linear solve).
         factorizations: Number of matrices factored in the solve.
-        residual: Last residual, relative to the largest of the forces in balance.
-        counts: Joint points by status, None without joints.
-        residuals: Residual at the start and after each iteration of the monolithic solver, relative
-            to the same force; empty for other solvers.
+        residual: Last residual, relative to the largest force of the equilibrium.
+        counts: Number of joint points by status, None without joints.
+        residuals: Residual at the start and after each iteration of the monolithic solver, also
+            relative to the largest force; empty for other solvers.
         solver: Name of the solver, see `StepSolver`.
     """
 
@@ -77,13 +77,13 @@ class SolveReport:
 
 
 class StepEquation(NamedTuple):
-    """Equation of a step, A x + B^T (w t(g + B x)) = b.
+    """Equation of a step, A x + B^T (w t(g + B x)) = b (13).
 
     Attributes:
         effective: Coefficients of A.
         b: Right-hand side [N].
-        x: Change of the displacement: start of the iteration, then the solution; constrained dofs
-            contain their prescribed values [m].
+        x: Change of the displacement [m]: start of the iteration, then the solution; constrained
+            dofs contain their prescribed values.
         state: Joint state at the start of the step, None without joints and plastic cells.
         rule: Rule by which the laws are evaluated.
     """
@@ -106,9 +106,9 @@ class StepSolver(ABC):
         system: The system.
         name: ``linear``, ``monolithic``, ``forms`` or ``condensed``.
         options: Tolerances and limits.
-        follows_path: True if static solves start from the accepted state alone, by the elastic
-            predictor. Otherwise they start from open joints, or in the condensed solver from its
-            last forces. They may then find another branch of equilibria.
+        follows_path: True if static solves start only from the accepted state, by the elastic
+            predictor. Otherwise they start from open joints or, in the condensed solver, from the
+            last joint forces, and may find another branch of equilibria.
     """
 
     system: MatrixSystem
@@ -124,7 +124,7 @@ class StepSolver(ABC):
         state: JointState | None,
         rule: Rule = BACKWARD_EULER,
     ) -> Solution:
-        """Solve for ``x`` in place, starting from its values; see `StepEquation` (collective).
+        """Solve a `StepEquation` for ``x`` in place, starting from its values (collective).
 
         Raises:
             ConvergenceError: No solution was found.
@@ -148,7 +148,7 @@ class StepSolver(ABC):
         )
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the arrays and numbers, by name, that later solves depend on (collective)."""
+        """Return the arrays and numbers, by name, that affect later solves (collective)."""
         return {}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:  # noqa: B027

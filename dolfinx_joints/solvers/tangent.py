@@ -31,8 +31,8 @@ class Tangent:
 
     Args:
         matrix: A.
-        product: B^T (w D) B and the tangent of plastic cells; None without joints and plastic
-            cells.
+        product: Assembles B^T (w D) B, D = dt/dg, plus the tangent of plastic cells; None without
+            joints and plastic cells.
         options: PETSc options of the LU solver, without prefix.
 
     Attributes:
@@ -45,7 +45,7 @@ class Tangent:
         product: TangentMatrix | None,
         options: Mapping[str, Any] | None,
     ) -> None:
-        """Store the parts; they are added at the first update."""
+        """Store the parts; the first update adds them."""
         self.effective = matrix
         self._product, self._options = product, options
         self._sum: _Sum | TangentMultigrid | None = None
@@ -94,7 +94,7 @@ def _random_forces(matrix: PETSc.Mat) -> PETSc.Vec:
 
 
 class _Sum:
-    """A constant matrix plus a changing one, both stored on the union of their patterns."""
+    """Sum of a constant and a changing matrix on the union of their sparsity patterns."""
 
     def __init__(
         self, effective: EffectiveMatrix, added: PETSc.Mat, options: Mapping[str, Any] | None
@@ -111,16 +111,16 @@ class _Sum:
         self._probe = None if effective.inertia else _random_forces(self._total)
 
     def add(self, added: PETSc.Mat) -> None:
-        """Update the sum; it is factored at the next solve."""
+        """Update the sum; the next solve factors the matrix."""
         self._base.copy(self._total, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         self._total.axpy(1.0, added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         self._direct.refresh()
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float) -> bool:
-        """Solve to rounding error, ignoring the tolerance; return True if it factored (collective).
+        """Solve directly, without the tolerance; return True if this call factored (collective).
 
         Raises:
-            JointsError: The static matrix is singular to rounding.
+            JointsError: The static matrix is singular within rounding error.
         """
         factored = self._solver.solve(b, x)
         if factored and self._probe is not None:

@@ -230,7 +230,7 @@ class Stepper:
     def _accept(self, state: DynamicState, report: StepReport, dt: float) -> None:
         self.counts.accepted += 1
         if state.joints is not None:
-            self.chatter.see(state.joints, report.dt, dt)
+            self.chatter.record(state.joints, report.dt, dt)
         if self._tolerance:
             displacement = self.solver.system.norm(state.displacement)
             self._largest = max(self._largest, displacement)

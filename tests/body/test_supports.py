@@ -85,7 +85,7 @@ def test_a_linear_displacement_of_the_boundary_is_that_of_the_body(two_rectangle
         ),
         (
             lambda: dj.Fixed(point=(0.0, 1.0)),
-            "2 nodes there, on both sides of a joint; name a side as well",
+            "2 nodes there, on both sides of a joint; also give a side",
         ),
         (
             lambda: dj.Prescribed(group="sides", component="y", value=float),

@@ -25,7 +25,7 @@ def seen(pressed, chatter=None, rubbed=1.0):
     chatter = chatter or Chatter(SimpleNamespace(operator=operator))
     for on in pressed:
         traction = -np.array([on, on, 1.0, 1.0])[:, None] * [1.0, 0.0, 0.0]
-        chatter.see(SimpleNamespace(traction=traction, dissipation=np.full(4, rubbed)), 0.1, 0.1)
+        chatter.record(SimpleNamespace(traction=traction, dissipation=np.full(4, rubbed)), 0.1, 0.1)
     return chatter
 
 

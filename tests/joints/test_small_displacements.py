@@ -99,5 +99,5 @@ def test_plain_matrices_are_not_watched(comm):
         mass=[[1.0]], stiffness=[[1.0]], gap=[[1.0], [0.0], [0.0]], law=law
     )
     watch = SmallDisplacements(system.contact)
-    watch.see(np.full((1, 3), 1e3))
+    watch.record(np.full((1, 3), 1e3))
     assert messages(comm, lambda: watch.warn("now")) == []

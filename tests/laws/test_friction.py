@@ -258,10 +258,10 @@ def test_rigid_points_have_no_answer_of_their_own():
     # Where a motion starts they carry nothing; what an overlap carries does not follow from it.
     law, state = LawPoints(rigid(), np.arange(2)), JointState.at_rest(np.zeros((2, 3)), variables=3)
     gap = np.array([[0.0, 1e-3, 0.0], [2e-3, 0.0, 0.0]])
-    answer = law.ask(BACKWARD_EULER, gap, None, state)
+    answer = law.evaluate(BACKWARD_EULER, gap, None, state)
     np.testing.assert_array_equal(answer.traction, 0.0)
     assert answer.status.tolist() == [Status.STICK, Status.OPEN]
     with pytest.raises(
         JointsError, match=r"rigid joint has an initial overlap of 0\.001 m\. Start"
     ):
-        law.ask(BACKWARD_EULER, gap - [1e-3, 0.0, 0.0], None, state)
+        law.evaluate(BACKWARD_EULER, gap - [1e-3, 0.0, 0.0], None, state)

@@ -149,7 +149,7 @@ def test_a_straight_cell_with_a_dented_corner_is_refused(comm):
     nodes = [[0, 0], [1, 0], [0, 1], [0.3, 0.3]]
     x = np.array(nodes if first else np.empty((0, 2)), dtype=np.float64)
     element = basix.ufl.element("Lagrange", "quadrilateral", 1, shape=(2,))
-    with pytest.raises(MeshError, match=r"around \(0.325, 0.325\); each has a re-entrant corner"):
+    with pytest.raises(MeshError, match=r"around \(0.325, 0.325\); such cells have a re-entrant"):
         split_mesh(dolfinx_versions.create_mesh(comm, cells, x, element))
 
 

@@ -144,5 +144,5 @@ def test_unknown_rules_are_refused(rule):
 
 
 def test_nodal_is_refused_beyond_degree_two():
-    with pytest.raises(ValueError, match="'nodal' exists for degrees 1 and 2 only, not for 3"):
+    with pytest.raises(ValueError, match="'nodal' exists only for degrees 1 and 2, not for 3"):
         facet_rule(4, 3, "nodal")

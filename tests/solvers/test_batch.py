@@ -31,7 +31,7 @@ def test_identical_requests_are_computed_together():
     def twice(n):
         return lambda: square(square(n))
 
-    found = square.scheduler.run({str(n): twice(n) for n in range(5)}, most=3)
+    found = square.scheduler.run({str(n): twice(n) for n in range(5)}, at_once=3)
     assert found == {str(n): n**4 for n in range(5)}
     # Three runs at a time; the next ones start as these end.
     assert square.batches == [[0, 1, 2], [0, 1, 4], [3, 4], [9, 16]]
@@ -46,7 +46,8 @@ def test_deferrable_requests_wait_for_all():
         return [square.scheduler.request("cheap", lambda numbers: numbers, i) for i in range(n)]
 
     found = square.scheduler.run(
-        {str(n): lambda n=n: (cheap(n), square(n, deferrable=True))[1] for n in (0, 2, 1)}, most=9
+        {str(n): lambda n=n: (cheap(n), square(n, deferrable=True))[1] for n in (0, 2, 1)},
+        at_once=9,
     )
     assert square.batches == [[0, 1, 2]]
     assert found == {"0": 0, "2": 4, "1": 1}
@@ -60,10 +61,10 @@ def test_a_failure_of_a_run_stays_with_it_and_one_of_a_request_reaches_its_batch
         square(1)
         raise ValueError("mine")
 
-    found = square.scheduler.run({"good": lambda: square(3), "bad": fails}, most=2)
+    found = square.scheduler.run({"good": lambda: square(3), "bad": fails}, at_once=2)
     assert found["good"] == 9
     assert isinstance(found["bad"], ValueError)
-    found = square.scheduler.run({"one": lambda: square("x"), "two": lambda: square(2)}, most=2)
+    found = square.scheduler.run({"one": lambda: square("x"), "two": lambda: square(2)}, at_once=2)
     assert all(isinstance(each, TypeError) for each in found.values())
 
 
@@ -82,6 +83,6 @@ def test_an_interruption_ends_all():
 
     threads = threading.active_count()
     with pytest.raises(KeyboardInterrupt):
-        square.scheduler.run({"stop": interrupted, "last": lambda: [waits(), waits()]}, most=2)
+        square.scheduler.run({"stop": interrupted, "last": lambda: [waits(), waits()]}, at_once=2)
     assert threading.active_count() == threads
     assert ended

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Base classes of laws with a compiled loop over points, called by the condensed solver."""
+"""Base classes of laws with a compiled loop over points, which the condensed solver calls."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ class CompiledLaw(ABC):
     """Base class of laws with compiled functions of a point; see `CondensedLaw`.
 
     ``point(i, start, answer)`` computes the response of point ``i`` at ``answer.gap[i]``. It writes
-    all arrays of `Answer`, including the history. ``start`` comes from `loop_start`; its
-    first two parameters are k_n and k_s. Decorate ``point`` with ``inline`` of `common.kernels`, or
-    with numba's ``register_jitable`` if it allocates arrays. `on_compliance` solves it on the
+    all arrays of `Answer`, including the history. ``start`` is the result of `loop_start`, with k_n
+    and k_s as first parameters. Decorate ``point`` with ``inline`` of `common.kernels`, or with
+    numba's ``register_jitable`` if it allocates arrays. `on_compliance` solves the point on the
     structural compliance by Newton's method. Example: `mohr_coulomb.bonded_point`.
 
     A law with a closed form on the compliance also has a ``loop(compliance, start, answer)``. It
     computes the response of all points; on entry ``answer.gap`` is the trial gap.
-    `closed_form_loop` builds it from the function of one point, for example in `friction`.
+    `closed_form_loop` builds the loop from a function of one point, for example in `friction`.
 
-    Functions for `BACKWARD_EULER` are also used over whole steps if there are no others. Laws of
-    finite stiffness also inherit `ElasticContact`, for statics and the monolithic solver.
+    Functions for `BACKWARD_EULER` are also used over whole steps if the law has no other functions.
+    Laws of finite stiffness also inherit `ElasticContact`, for statics and the monolithic solver.
 
     Attributes:
         points: Functions of a point by the name of the rule.
-        loops: Loops by the name of the rule; missing ones are built from ``points``.
+        loops: Loops by the name of the rule; missing loops are built from ``points``.
     """
 
     points: ClassVar[Mapping[str, Any]] = MappingProxyType({})
@@ -64,7 +64,7 @@ class CompiledLaw(ABC):
         """
 
     def rule_of_loop(self, rule: Rule) -> Rule:
-        """Return the rule whose loop is used for a rule: itself, or `BACKWARD_EULER`."""
+        """Return the rule whose loop is used: ``rule``, or `BACKWARD_EULER` if it has no loop."""
         return rule if rule.name in {**self.points, **self.loops} else BACKWARD_EULER
 
     def loop(self, rule: Rule) -> Any:
@@ -87,11 +87,11 @@ class CompiledLaw(ABC):
         return self.loop_response(rule, answer, state)
 
     @classmethod
-    def has_loops_alone(cls) -> bool:
-        """Return True if the loops give all responses: no subclass overrides the methods."""
+    def uses_only_loops(cls) -> bool:
+        """Return True if the loops compute all responses: no subclass overrides the methods."""
         methods = ("condensed_backward_euler", "condensed_discrete_gradient")
-        own = [getattr(cls, name) for name in methods if hasattr(cls, name)]
-        return all(method.__module__ == __name__ for method in own) and not changes_gap_methods(cls)
+        used = [getattr(cls, name) for name in methods if hasattr(cls, name)]
+        return all(m.__module__ == __name__ for m in used) and not changes_gap_methods(cls)
 
 
 class CompiledEnergyConsistentLaw(CompiledLaw):
@@ -105,7 +105,7 @@ class CompiledEnergyConsistentLaw(CompiledLaw):
 
 
 class ElasticContact:
-    """Methods at a gap of a `CompiledLaw` of finite stiffness, by default without tension."""
+    """Methods of a `CompiledLaw` of finite stiffness at a gap, by default without tension."""
 
     normal_stiffness: float
     shear_stiffness: float
@@ -115,7 +115,7 @@ class ElasticContact:
         return self.normal_stiffness, self.shear_stiffness
 
     def stored_energy(self, state: JointState) -> Floats:
-        """Return k_n <-gap_n>^2 / 2 + k_s |e|^2 / 2, shape (n,), [J/m^2]."""
+        """Return k_n min(gap_n, 0)^2 / 2 + k_s |e|^2 / 2, shape (n,), [J/m^2]."""
         closed = np.minimum(state.gap[:, 0], 0.0)
         slip = np.einsum("ij,ij->i", state.elastic_slip, state.elastic_slip)
         return 0.5 * self.normal_stiffness * closed**2 + 0.5 * self.shear_stiffness * slip

@@ -2,21 +2,20 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Friction without tension over a whole step with an exact energy balance: discrete gradient.
 
-The gap moves on a straight path from g0 to g1. With psi the elastic energy of normal contact, the
+The gap moves on a straight path from g0 to g1. With the elastic energy psi of normal contact, the
 normal traction is (psi1 - psi0) / (g1 - g0). Shear acts during the fraction theta of the step in
-contact:
+contact, with the elastic slip e and the slip increment ds:
 
-    t_n = k_n (a + b) / 2 theta,           a = min(g0, 0), b = min(g1, 0),                 (15)
+    t_n = k_n theta (a + b) / 2,           a = min(g0, 0), b = min(g1, 0),                 (15)
     s   = k_s (e0 + theta ds / 2),         scaled onto |s| <= mu |t_n| / theta,   t_s = theta s,
-    z   = 2 s / k_s - e0,                  e1 = z scaled onto |e1| <= mu k_n <-g1> / k_s.  (16)
+    z   = 2 s / k_s - e0,                  e1 = z scaled onto |e1| <= mu k_n |b| / k_s.    (16)
 
-If decelerating slip may stop or reverse within the step, s is given by `turning`. For any step
-length t . (g1 - g0) equals the change of the elastic energy plus the friction work, to rounding.
+If decelerating slip may stop or reverse within the step, `turning` gives s. For any step length
+t . (g1 - g0) equals the change of the elastic energy plus the friction work, to rounding.
 
-The traction is solved for on the structural compliance c of the point: g1 - g0 = h - c t, h being
-the gap change without the point's own traction. The variables of closed points are
-psi = k_n g^2 / 2 [J/m^2] and q = sqrt(k_s) e [(J/m^2)^(1/2)] instead of gap and elastic slip. They
-remain finite in rigid joints (1/k_n = 1/k_s = 0).
+The equation of a point is g1 - g0 = h - c t with its structural compliance c and the gap change h
+without the point's own traction. The variables of closed points are psi = k_n g^2 / 2 [J/m^2] and
+q = sqrt(k_s) e [(J/m^2)^(1/2)], which remain finite in rigid joints (1/k_n = 1/k_s = 0).
 """
 
 from __future__ import annotations
@@ -36,15 +35,15 @@ from dolfinx_joints.laws.points.return_mapping import (
     Vector,
     closed_status,
     law_of,
-    put_nothing,
     put_traction,
+    put_zeros,
 )
 from dolfinx_joints.laws.points.turning import Limit, friction_with_turns
 
-# Stored energy of a rigid point relative to h^2 / c below which the point does not rebound.
+# A rigid point does not rebound if its stored energy divided by h^2 / c is below this value.
 NO_BOUNCE = 1e-30
 
-# Gap change relative to h below which a point under pressure without rebound is at rest (rounding).
+# A point under pressure without rebound is at rest if gap change / h is below this rounding error.
 AT_REST = 1e-9
 
 
@@ -77,7 +76,7 @@ def normal_traction(h: float, c: float, gap: float, energy: float, law: Coulomb)
             return _closes(c, gap, ahead, law)
         return Normal(0.0, 0.0, ahead, 0.0, np.inf, 0.0)  # stays open
     pressure = np.sqrt(2.0 * energy / d) if d > 0.0 else 0.0
-    # Otherwise a rigid point would rebound with ever smaller energies, down to underflow.
+    # Without NO_BOUNCE a rigid point would rebound with ever smaller energies, down to underflow.
     if ahead <= -0.5 * c * pressure and (d > 0.0 or c * energy <= NO_BOUNCE * h * h):
         return _stays_closed(h, c, pressure, law)
     if energy > 0.0:
@@ -87,16 +86,16 @@ def normal_traction(h: float, c: float, gap: float, energy: float, law: Coulomb)
 
 @inline
 def _stops(h: float, c: float, gap: float, approach: float, pressed: bool) -> Normal:
-    """Solve a rigid point without rebound: v1 >= 0 if pressed or in contact by mid-step (15a).
+    """Solve a rigid point without rebound (15a): v1 >= 0 if pressed or in contact by mid-step.
 
-    Whether the point is pressed depends on the initial state only, so the solution is unique.
+    Whether the point is pressed depends only on the initial state, so the solution is unique.
 
     Args:
         h: Gap change without the point's own traction [m].
         c: Normal compliance of the structure [m/Pa].
         gap: g0 [m].
         approach: dt v0 [m].
-        pressed: Whether the point carried pressure in the last step; then v0 is rounding error.
+        pressed: True if the point was under pressure in the last step; v0 is then rounding error.
     """
     stopped = 0.5 * approach
     touches = pressed or (approach <= 0.0 and gap + stopped <= 0.0)
@@ -110,7 +109,7 @@ def _stops(h: float, c: float, gap: float, approach: float, pressed: bool) -> No
 
 @inline
 def _stays_closed(h: float, c: float, pressure: float, law: Coulomb) -> Normal:
-    """Solve t_n = (h - 2 d p0) / (c + 2 d), theta = 1."""
+    """Return t_n = (h - 2 d p0) / (c + 2 d), theta = 1, with the pressure p0 at the start."""
     d, zeta = law.normal_compliance, math.sqrt(law.shear_compliance)
     total = c + 2.0 * d
     if total == 0.0:  # both sides of a rigid point are constrained
@@ -122,7 +121,7 @@ def _stays_closed(h: float, c: float, pressure: float, law: Coulomb) -> Normal:
 
 @inline
 def _opens(h: float, c: float, gap: float, energy: float, law: Coulomb) -> Normal:
-    """Solve t_n = -psi0 / y, y = g1 - g0 = (h + sqrt(h^2 + 4 c psi0)) / 2."""
+    """Return t_n = -psi0 / y with y = g1 - g0 = (h + sqrt(h^2 + 4 c psi0)) / 2."""
     root = np.sqrt(h * h + 4.0 * c * energy)
     y = 0.5 * (h + root) if h >= 0.0 else 2.0 * c * energy / (root - h)
     scale = np.sqrt(0.5 * law.ratio / energy)
@@ -132,7 +131,7 @@ def _opens(h: float, c: float, gap: float, energy: float, law: Coulomb) -> Norma
 
 @inline
 def _closes(c: float, gap: float, ahead: float, law: Coulomb) -> Normal:
-    """Solve (2d + c) y^2 + 2d (g0 + gh) y + 2d gh g0 = 0 for y = -g1; t_n = -psi1 / (y + g0)."""
+    """Solve (2d + c) y^2 + 2d (g0 + gh) y + 2d gh g0 = 0, gh = g0 + h, y = -g1 (15)."""
     d = law.normal_compliance
     if c + d == 0.0:  # both sides of a rigid point are constrained
         return Normal(0.0, 0.0, 0.0, 0.0, np.inf, 0.0)
@@ -160,7 +159,7 @@ def trial_traction(normal: Normal, q: Vector, h: Vector, c_s: float) -> Shear:
     zeta, slope = normal.zeta, normal.zeta_slope
     k = 1.0 / (zeta * zeta + 0.5 * c_s)
     t_1, t_2 = k * (zeta * q[0] + 0.5 * h[0]), k * (zeta * q[1] + 0.5 * h[1])
-    # The traction depends on h_n through zeta only.
+    # The traction depends on h_n only through zeta.
     by_normal = k * slope * (q[0] - 2.0 * zeta * t_1), k * slope * (q[1] - 2.0 * zeta * t_2)
     return Shear((t_1, t_2), by_normal, (0.5 * k, 0.5 * k, 0.0))
 
@@ -170,7 +169,7 @@ def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: A
     """Compute the response over a whole step; on entry ``answer.gap`` is the trial gap."""
     traction, tangent, end_gap, end_stored, dissipation, status = answer
     gap, stored, trial_gap = start.gap, start.history, answer.gap
-    put_nothing(i, answer)
+    put_zeros(i, answer)
     law = law_of(start.parameters)
     mu = law.friction
     h_1, h_2 = trial_gap[i, 1] - gap[i, 1], trial_gap[i, 2] - gap[i, 2]
@@ -182,13 +181,13 @@ def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: A
         stays = closed and g_n <= 0.0
     else:
         normal = _stops(h_n, c_n, g_n, stored[i, 8], stored[i, 9] > 0.0)
-        # Its gap keeps the value of the impact, so it does not show whether the point is closed.
+        # The gap keeps its value from the impact, so only t_n shows whether the point is closed.
         closed = normal.traction < 0.0
         stays = closed and stored[i, 9] > 0.0
         end_stored[i, 9] = 1.0 if closed else 0.0
     t_n, slides, lost = normal.traction, False, 0.0
     shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0)), q_1, q_2
-    # The shear of a rigid point without tangential compliance is undetermined.
+    # The shear traction of a rigid point without tangential compliance is undetermined.
     if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
         trial = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
         row = stored[i]

@@ -7,12 +7,12 @@ The rows of R_i are the normal and the two tangents of face i, and o_i is its of
 
     g_i = R_i g + o_i,      t = sum R_i^T t_i(g_i).                                        (9a)
 
-t_i is the traction of `friction` at the gap of the face. The faces are chosen at the start of a
-step and do not change within it. The work of the faces then equals that of the joint, so whole
-steps balance the energy as with `FrictionNoTension`.
+g is the gap and t the traction of the point; `friction` gives t_i at the gap of the face. The faces
+are chosen at the start of a step and do not change within the step. The work of the faces therefore
+equals the work of the joint, so whole steps balance the energy as with `FrictionNoTension`.
 
 The key axes are: normal to the joint, across the keys, along the keys. The axes of a flank are the
-key axes, rotated about the third one.
+key axes, rotated about the direction along the keys.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import inline, njit
-from dolfinx_joints.laws.law import BORNE, BROKEN, INTACT, RELEASED, Floats
+from dolfinx_joints.laws.law import BROKEN, INTACT, OVERLOAD_ROUNDING, RELEASED, Floats
 from dolfinx_joints.laws.points.on_compliance import search_of, solver_of
 from dolfinx_joints.laws.points.return_mapping import (
     STICK,
@@ -32,7 +32,7 @@ from dolfinx_joints.laws.points.return_mapping import (
     Start,
     bond_under,
     overload,
-    put_nothing,
+    put_zeros,
 )
 
 # First columns of a point's history: elastic slip on the base (0), bond, lift, elastic slips on the
@@ -43,7 +43,7 @@ ABSENT, FLANK, FLAT = 0, 1, 2
 
 
 class Teeth(NamedTuple):
-    """Parameters of the law. The key angle is measured from s2 to the direction of the keys."""
+    """Parameters of the law; the key angle is the angle from s2 to the direction of the keys."""
 
     normal_stiffness: float  # k_n [Pa/m]
     shear_stiffness: float  # k_s [Pa/m]
@@ -60,7 +60,7 @@ class Teeth(NamedTuple):
 
 
 class Faces(NamedTuple):
-    """Three faces of a point; for n points the arrays have one more axis.
+    """Three faces of a point; for n points the arrays have an additional first axis.
 
     Attributes:
         kind: Kind of each face, shape (3,).
@@ -88,7 +88,7 @@ class KeyStart(NamedTuple):
 
 @inline
 def _teeth_of(row: Floats) -> Teeth:
-    """Return the parameters in an array as `Teeth`; numbers 2 to 6 are those of `Coulomb`."""
+    """Return the parameters in an array as `Teeth`; entries 2 to 6 are the fields of `Coulomb`."""
     r, k_n, k_s = row[7:], row[0], row[1]
     return Teeth(k_n, k_s, r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9])
 
@@ -107,7 +107,7 @@ def rotated(first: Any, second: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
 
 @inline
 def _rotate_back(a: int, b: int, turn: Any, traction: Floats, tangent: Floats) -> None:
-    """Rotate a traction and its tangent back, in place; the inverse of `rotated`."""
+    """Rotate a traction and its tangent in place by the inverse of `rotated`."""
     c, s = turn[0], turn[1]
     traction[a], traction[b] = rotated(traction[a], traction[b], c, -s)
     for k in range(3):
@@ -145,7 +145,7 @@ def _choose(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> float:
         kind, meets = _nearest(f, gap, teeth)
         sine, offset = (teeth.sine, teeth.forward) if f == 1 else (-teeth.sine, teeth.backward)
         if f > 0 and (offset < 0.0 or history[KEYS] >= BROKEN):
-            # The gap to a missing tooth is its depth, regardless of the position of the point.
+            # The gap to a missing tooth is the depth, regardless of the position of the point.
             kind, meets = ABSENT, False
             plane[f, 0], plane[f, 1], plane[f, 2] = 0.0, 0.0, teeth.depth
         elif kind == FLANK:
@@ -173,13 +173,13 @@ def _choose(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> float:
 
 @inline
 def _shear_off(gap: Floats, history: Floats, teeth: Teeth, faces: Faces, sheared: Floats) -> None:
-    """Write the history after the teeth shear off; the base takes the largest face pressure."""
+    """Write the history after the teeth shear off; the largest face pressure acts on the base."""
     k_n, pressed, (first, root) = teeth.normal_stiffness, 0.0, _slip_columns(teeth)
     for f in range(3):
         normal = k_n * min(faces.gap[f, 0], 0.0)
         shear = teeth.shear_stiffness * faces.history[f, first] / root
         t_n, _ = rotated(normal, shear, faces.plane[f, 0], -faces.plane[f, 1])
-        # Limit the pressure to that of the face, so that no energy is generated.
+        # Limit the pressure to the pressure on the face, so that no energy is generated.
         pressed = max(pressed, min(-t_n, -normal))
     for k in range(COLUMNS):
         sheared[k] = 0.0 if KEYS <= k < SLIPS else history[k]
@@ -192,7 +192,7 @@ def _shear_off(gap: Floats, history: Floats, teeth: Teeth, faces: Faces, sheared
 def _finish(i: int, history: Floats, teeth: Teeth, start: KeyStart, answer: Answer) -> None:
     """Write the history at the end of a step; faces that lose contact dissipate their energy.
 
-    ``history`` is that at the start; the faces in ``start`` are overwritten.
+    ``history`` is the history at the start of the step; the faces in ``start`` are overwritten.
     """
     end, ends, (first, root) = answer.history[i], start.ends, _slip_columns(teeth)
     stored, leaves = 0.0, False
@@ -222,7 +222,7 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
         """Sum the tractions of the faces (9a); write load / strength of the teeth (9b)."""
         teeth, faces, ends = _teeth_of(start.parameters), start.faces, start.ends
         traction, tangent = answer.traction[i], answer.tangent[i]
-        put_nothing(i, answer)
+        put_zeros(i, answer)
         _put_gaps(answer.gap[i], faces.plane, teeth, ends.gap)
         ratio, sticks = 0.0, False
         friction = Start(faces.gap, faces.history, start.parameters[2:7])
@@ -249,7 +249,7 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
 
     @njit(cache=True, error_model="numpy")
     def loop(compliance: Floats, start: Start, answer: Answer) -> None:
-        """Solve the points; if the teeth are overloaded, solve again without them."""
+        """Solve the points; solve a point with overloaded teeth again without teeth."""
         kind, teeth = answer.gap.dtype, _teeth_of(start.parameters)
         before = np.zeros((3, 10 if teeth.whole == 1.0 else 2), kind)
         gaps, planes, tractions, end_gaps = np.zeros((4, 3, 3), kind)
@@ -268,7 +268,7 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
             while True:
                 solve(i, c[0], c[1], key_start, answer, search)
                 bond, ratio = history[KEYS], answer.history[i, KEYS]
-                if bond != RELEASED and not (bond == INTACT and ratio > 1.0 + BORNE):
+                if bond != RELEASED and not (bond == INTACT and ratio > 1.0 + OVERLOAD_ROUNDING):
                     break
                 _shear_off(gap, history, teeth, faces, sheared)
                 history, (end[0], end[1], end[2]) = sheared, trial_gap
@@ -297,10 +297,10 @@ def choose_all(
     teeth, energy = _teeth_of(start.parameters), np.zeros(len(end), end.dtype)
     sheared = np.zeros(COLUMNS, end.dtype)
     for i in range(len(end)):
-        own = Faces(faces.kind[i], faces.plane[i], faces.gap[i], faces.history[i])
-        energy[i] = _choose(start.gap[i], start.history[i], teeth, own)
+        point_faces = Faces(faces.kind[i], faces.plane[i], faces.gap[i], faces.history[i])
+        energy[i] = _choose(start.gap[i], start.history[i], teeth, point_faces)
         if shears[i]:
-            _shear_off(start.gap[i], start.history[i], teeth, own, sheared)
-            energy[i] = _choose(start.gap[i], sheared, teeth, own)
-        _put_gaps(end[i], own.plane, teeth, end_gap[i])
+            _shear_off(start.gap[i], start.history[i], teeth, point_faces, sheared)
+            energy[i] = _choose(start.gap[i], sheared, teeth, point_faces)
+        _put_gaps(end[i], point_faces.plane, teeth, end_gap[i])
     return energy

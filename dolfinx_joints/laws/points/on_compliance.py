@@ -1,16 +1,16 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Solution of points on the structural compliance, for laws without a closed form there.
+"""Solution of points on the structural compliance, for laws without a closed form of (21).
 
 A law returns the traction t at a gap g. Newton's method solves g + c t(g) = h for each point
-separately; c is the compliance of the structure, h the trial gap. The residual is piecewise smooth:
-it has kinks at which a face opens or starts to slip. The line search halves a correction until the
+separately; c is the compliance of the structure, h the trial gap. The residual is piecewise smooth,
+with kinks at which a face opens or starts to slip. The line search halves a correction until the
 residual decreases. Two rules avoid stalling at a kink, which would depend on rounding error:
 
-- If no fraction of a correction reduces the residual, apply half of it. The iterate then lies
-  beyond the kink, where Newton's direction differs.
+- If no fraction of a correction reduces the residual, apply half of the correction. The iterate is
+  then beyond the kink, where Newton's direction differs.
 - If the determinant of the Jacobian is negative, apply half of the correction with opposite sign.
-  Such pieces exist because friction is not associated. In them the path of decreasing residual
+  Such smooth pieces exist because friction is not associated. There the path of decreasing residual
   runs backwards (Smale 1976), towards a piece with a positive determinant.
 """
 
@@ -31,10 +31,10 @@ from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.laws.points.return_mapping import Answer, Start
 
 # Limits of Newton's method, and its tolerance as a multiple of the rounding error of a point.
-# Measured on random steps of shear keys, structural compliance 0.1 to 10 000 times that of the
+# Measured on random steps of shear keys, with a structure 0.1 to 10 000 times as compliant as the
 # joint: 4 of 450 400 points fail. With 12 halvings and without the two rules above, 512 of 345 600
 # fail. Dilatancy equal to the friction angle needs many iterations: on structures 1000 times as
-# soft as the joint 3 of 100 000 points fail, with at most 100 iterations 315.
+# compliant as the joint 3 of 100 000 points fail, but 315 with at most 100 iterations.
 MOST_ITERATIONS, MOST_CUTS, ROUNDING = 1_000, 16, 16.0
 # Fraction of a correction that is applied by the two rules above.
 BEYOND_KINKS = 0.5
@@ -50,10 +50,10 @@ class Search(NamedTuple):
         base: Gap before the correction, shape (n, 3), [m].
         correction: Full correction, shape (n, 3), [m].
         size: Largest residual at the base, shape (n,), [m].
-        counts: Number of corrections, number of halvings of the current one, and 1 if it is applied
-            without line search, shape (n, 3).
+        counts: Number of corrections, number of halvings of the present correction, and 1 if this
+            correction has no line search, shape (n, 3).
         matrix: Work array for three equations, shape (3, 3).
-        rhs: Work array for their right-hand sides, shape (3, 3).
+        rhs: Work array for three right-hand sides, shape (3, 3).
     """
 
     base: Floats
@@ -146,7 +146,7 @@ def advance(
 
 @inline
 def _solve(matrix: Floats, rhs: Floats, columns: int) -> float:
-    """Solve three equations in place with pivoting, ``columns`` sides; return the determinant."""
+    """Solve three equations for ``columns`` right-hand sides in place; return the determinant."""
     determinant = 1.0
     for a in range(3):
         pivot = a
@@ -271,10 +271,10 @@ def on_compliance(
     compliance: Floats,
     stiffness: tuple[float, float],
 ) -> Response:
-    """Return the response at gap = trial_gap - compliance * t of a law evaluated in Python.
+    """Return the response of a law evaluated in Python at gap = trial_gap - compliance * t.
 
     Args:
-        answer: Function of a gap (n, 3), [m], that returns the response of all points.
+        answer: Function that returns the response of all points at a gap (n, 3), [m].
         gap: Initial guess: gap at the start of the step, where few points slide, (n, 3), [m].
         trial_gap: Gap without traction, shape (n, 3), [m].
         compliance: Normal and tangential compliance, shape (n or 1, 2), [m/Pa].
@@ -308,8 +308,8 @@ def on_compliance(
         return response  # the caller reports values that are not finite
     if failed.any():
         raise ConvergenceError(iteration=MOST_ITERATIONS, residual=float(search.size.max()))
-    wide = np.repeat(compliance, (1, 2), axis=1)
-    matrix = np.eye(3) + wide[:, :, None] * response.tangent
+    c = np.repeat(compliance, (1, 2), axis=1)
+    matrix = np.eye(3) + c[:, :, None] * response.tangent
     rhs = response.tangent.transpose(0, 2, 1).astype(np.float64)
     tangent = np.linalg.solve(matrix.transpose(0, 2, 1).astype(np.float64), rhs)
     return replace(response, tangent=np.ascontiguousarray(tangent.transpose(0, 2, 1), np.float64))

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Coulomb friction at one point: yield function and return mapping, shared by all friction rules.
 
-The functions take scalars and follow docs/theory, whose equation numbers are in the comments. They
-are compiled by numba into loops over points: in `friction` for the end of a step, and in
+The functions have scalar arguments and follow docs/theory; equation numbers are in brackets. Numba
+compiles them into loops over points: in `friction` for the end of a step, and in
 `discrete_gradient` for a whole step. Laws without a closed form use `points.on_compliance`.
 
-The structure has the compliance c at a point, gap = trial_gap - c t; c = 0 gives the law alone. The
-tractions depend on c plus the joint compliance d = 1/k, so that d may be zero (rigid joint).
+The structure has the compliance c at a point, gap = trial_gap - c t; c = 0 gives the law at a gap.
+The tractions depend on c + d with the joint compliance d = 1/k, which is zero in rigid joints.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import inline, njit
 from dolfinx_joints.laws.law import (
-    BORNE,
     HELD,
     INTACT,
     LARGEST_OVERLOAD,
+    OVERLOAD_ROUNDING,
     Floats,
     JointState,
     Response,
@@ -59,7 +59,7 @@ class Start(NamedTuple):
     Attributes:
         gap: Gap, shape (n, 3), [m].
         history: History variables, shape (n, m).
-        parameters: Parameters of the law, for example those of `Coulomb`, shape (k,).
+        parameters: Parameters of the law, for example the fields of `Coulomb`, shape (k,).
     """
 
     gap: Floats
@@ -73,7 +73,7 @@ class Shear(NamedTuple):
     Attributes:
         traction: t_s [Pa].
         by_normal: d t_s / d h_n [Pa/m].
-        by_shear: Components 11, 22 and 12 of d t_s / d h_s, which is symmetric [Pa/m].
+        by_shear: Components 11, 22 and 12 of the symmetric d t_s / d h_s [Pa/m].
     """
 
     traction: Vector
@@ -103,13 +103,13 @@ class Answer(NamedTuple):
 
 @inline
 def yield_function(t_n: float, t_s: Vector, mu: float) -> float:
-    """Return Phi = |t_s| + mu t_n (5), positive outside the friction cone, [Pa]."""
+    """Return f = |t_s| + mu t_n (5), positive outside the friction cone, [Pa]."""
     return np.sqrt(t_s[0] * t_s[0] + t_s[1] * t_s[1]) + mu * t_n
 
 
 @inline
 def return_to_limit(trial: Shear, t_n: float, stiffness: float, mu: float) -> Shear:
-    """Return the shear traction on the limit, along the trial traction (7), and its tangent (10).
+    """Return the trial traction scaled onto the friction limit (7), with derivatives (10).
 
     Args:
         trial: Trial traction and its derivatives.
@@ -124,7 +124,7 @@ def return_to_limit(trial: Shear, t_n: float, stiffness: float, mu: float) -> Sh
     m_1, m_2 = t_1 / size, t_2 / size
     limit = -mu * t_n
     ratio = limit / size
-    # Subtract m (m . derivative): the size of the trial traction does not affect the result.
+    # Subtract m (m . derivative): the magnitude of the trial traction does not affect the result.
     n_m, s_1m, s_2m = m_1 * n_1 + m_2 * n_2, m_1 * s_11 + m_2 * s_12, m_1 * s_12 + m_2 * s_22
     return Shear(
         (limit * m_1, limit * m_2),
@@ -164,7 +164,7 @@ def law_of(row: Floats) -> Coulomb:
 
 @inline
 def overload(load: float, strength: float) -> float:
-    """Return load / strength, `LARGEST_OVERLOAD` without strength, 0 without load."""
+    """Return load / strength, `LARGEST_OVERLOAD` if the strength is zero, 0 without load."""
     if not load > 0.0:
         return 0.0
     return min(load / strength, LARGEST_OVERLOAD) if strength > 0.0 else LARGEST_OVERLOAD
@@ -173,11 +173,11 @@ def overload(load: float, strength: float) -> float:
 @inline
 def bond_under(bond: float, ratio: float) -> float:
     """Return the new bond variable of an unbroken bond for a ratio of load to strength."""
-    return -ratio if bond == HELD and ratio > 1.0 + BORNE else INTACT
+    return -ratio if bond == HELD and ratio > 1.0 + OVERLOAD_ROUNDING else INTACT
 
 
 @inline
-def put_nothing(i: int, answer: Answer) -> None:
+def put_zeros(i: int, answer: Answer) -> None:
     """Set the response of point ``i`` to zero (open)."""
     for a in range(3):
         answer.traction[i, a] = 0.0
@@ -219,7 +219,7 @@ def closed_form_loop(point: Callable[..., None]) -> Any:
 
 
 def at_gap(point: Callable[..., None]) -> Callable[..., None]:
-    """Return the function of a point at a given gap; ``point`` as in `closed_form_loop`."""
+    """Return the function of a point at a given gap (c = 0) from ``point`` (`closed_form_loop`)."""
 
     @inline
     def alone(i: int, start: Start, answer: Answer) -> None:
@@ -259,7 +259,7 @@ def response_of(answer: Answer, **history: NDArray[Any]) -> Response:
 def contact_fraction(before: Floats, after: Floats) -> Floats:
     """Return the fraction theta of a step in which points are in contact (8), on a straight path.
 
-    It is 1 if the point is closed at the start, after / (after - before) if it closes in the step.
+    theta is 1 if a point is closed at the start, after / (after - before) if it closes in the step.
 
     Args:
         before: Normal gap at the start, shape (n,), [m].

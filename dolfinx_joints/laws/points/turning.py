@@ -2,25 +2,25 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Friction in steps in which the slip stops or reverses, predicted from the last two plastic slips.
 
-Let p1 be the plastic slip of the last step, p2 that of the step before, m = p1/|p1| and
-dp = p1 - p2. The slip begins the step with the speed v = m . (p1 + dp/2), in [m] per step. At
-constant deceleration it stops after the fraction
+Let p1 and p2 be the plastic slips of the last step and of the step before, m = p1/|p1| and
+dp = p1 - p2. The slip speed at the start of the step is v = m . (p1 + dp/2), in [m] per step. At
+constant deceleration the slip stops after the fraction
 
     phi = -v m . dp / |dp|^2                                                               (17a)
 
-of the step. If 0 < phi < 1, it may stop or reverse. Friction reverses together with the slip: the
-mean of its component along m is then T = (2 phi - 1) F, F = mu |t_n|. Let p be the plastic slip of
-the step, and p_T = min(T, 0) |dp| / (2 F) its component along m if it reverses. Then
+of the step. If 0 < phi < 1, the slip may stop or reverse. Friction reverses together with the slip.
+The mean of the friction along m is then T = (2 phi - 1) F with F = mu |t_n|. Let t be the shear
+traction, p the plastic slip of the step, and p_T = min(T, 0) |dp| / (2 F) the component of p along
+m if the slip reverses. Then
 
-    t . m >= T:  t is along p - v m / 2, with |t| <= F: the slip continues or stops,
-    t . m <= T:  t is along p - p_T m, with |t| <= F: the slip moves backwards,            (17b)
-    t . m = T:   otherwise; across m it is along p, with |t| <= F: the slip reverses.
+    t . m >= T:  t is parallel to p - v m / 2, with |t| <= F: the slip continues or stops,
+    t . m <= T:  t is parallel to p - p_T m, with |t| <= F: the slip moves backwards,      (17b)
+    t . m = T:   otherwise; normal to m, t is parallel to p, with |t| <= F: the slip reverses.
 
 Each case projects a trial traction onto a convex set, so the law is monotone. In all other steps t
-is along p (7). Both agree in the limit, since v and p_T vanish with p1 and p2.
-
-The slip of a step lags behind its impulse. If the slip reverses early (phi < 1/2), friction returns
-work. It is limited to R, half the friction work of the last step: T >= -2 R / v.
+is parallel to p (7). Both rules agree in the limit, since v and p_T vanish with p1 and p2. If the
+slip reverses early (phi < 1/2), friction returns work, because the slip of a step lags behind its
+impulse. This work is limited to R, half the friction work of the last step: T >= -2 R / v.
 """
 
 from __future__ import annotations
@@ -76,17 +76,17 @@ def friction_with_turns(trial: Shear, limit: Limit, slips: Slips) -> tuple[Shear
     """
     prediction = _predict(slips)
     if prediction.speed == 0.0:
-        return _limited(trial, limit)
+        return _limit_shear(trial, limit)
     (m_1, m_2), size, slope = prediction.along, -limit.friction * limit.normal, 0.0
     lowest, reserve = prediction.mean * size, -2.0 * slips[4] / prediction.speed
     if lowest >= reserve:
         slope = -prediction.mean * limit.friction * limit.stiffness
     else:
         lowest = reserve
-    ahead, _ = _limited(_trial_after(trial, prediction, 0.5 * prediction.speed), limit)
+    ahead, _ = _limit_shear(_trial_after(trial, prediction, 0.5 * prediction.speed), limit)
     if m_1 * ahead.traction[0] + m_2 * ahead.traction[1] >= lowest:
         return ahead, True
-    back, slips_back = _limited(_trial_after(trial, prediction, prediction.back), limit)
+    back, slips_back = _limit_shear(_trial_after(trial, prediction, prediction.back), limit)
     if m_1 * back.traction[0] + m_2 * back.traction[1] <= lowest:
         return back, slips_back or prediction.back < 0.0
     across = m_1 * trial.traction[1] - m_2 * trial.traction[0]
@@ -121,8 +121,8 @@ def _predict(slips: Slips) -> Prediction:
 
 
 @inline
-def _limited(trial: Shear, limit: Limit) -> tuple[Shear, bool]:
-    """Return the trial traction, or that on the limit (7), and True if on the limit."""
+def _limit_shear(trial: Shear, limit: Limit) -> tuple[Shear, bool]:
+    """Return the trial traction, scaled onto the limit (7) if necessary, and True if scaled."""
     mu = limit.friction
     if yield_function(limit.normal, trial.traction, mu) > 0.0 or mu == 0.0:  # (5)
         return return_to_limit(trial, limit.normal, limit.stiffness, mu), True  # (17)
@@ -131,6 +131,6 @@ def _limited(trial: Shear, limit: Limit) -> tuple[Shear, bool]:
 
 @inline
 def _trial_after(trial: Shear, prediction: Prediction, slip: float) -> Shear:
-    """Return the trial traction after a slip along m; its stiffness is 1 / (2 zeta^2 + c)."""
+    """Return the trial traction after a slip along m; the stiffness is 1 / (2 zeta^2 + c)."""
     (t_1, t_2), (m_1, m_2), relief = trial.traction, prediction.along, trial.by_shear[0] * slip
     return Shear((t_1 - relief * m_1, t_2 - relief * m_2), trial.by_normal, trial.by_shear)

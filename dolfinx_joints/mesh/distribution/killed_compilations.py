@@ -12,8 +12,8 @@ from typing import Any
 
 from dolfinx.jit import get_options
 
-# Time after which FFCx stops waiting for the compilation by another process and fails, and upper
-# bound of the time to generate the code of a form of this package [s].
+# Time [s] that FFCx waits for the compilation by another process before it fails; upper bound of
+# the time [s] to generate the code of a form of this package.
 _FFCX_WAIT, _LONGEST_GENERATION = 10.0, 30.0
 
 
@@ -21,7 +21,7 @@ def remove_killed_compilations(comm: Any) -> None:
     """Remove C files of forms whose compilation was killed (collective).
 
     FFCx creates the C file first and ``.c.cached`` last. If only the C file exists, FFCx assumes
-    that another process is compiling it, waits for `_FFCX_WAIT` and fails, in every later run.
+    that another process is compiling this file, waits for `_FFCX_WAIT` and fails in each later run.
     """
     if comm.rank == 0:
         names = {file.name for file in Path(get_options()["cache_dir"]).glob("libffcx_*")}
@@ -39,7 +39,7 @@ def remove_killed_compilations(comm: Any) -> None:
 
 
 def _age_limit(name: str, age: float) -> float:
-    """Return the age above which no process can still be working on an unfinished C file [s].
+    """Return the age [s] above which an unfinished C file is certainly abandoned.
 
     A running compiler has the file name in its arguments. Before the compiler starts, any busy
     DOLFINx process that is older than the file may be generating the code.

@@ -25,11 +25,11 @@ from dolfinx_joints.mesh.dolfinx_versions import geometry_nodes
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.orientation import facet_normals
 
-# A cell has no volume if its volume is below this times the cube (square in 2-D) of its size.
-# Rounding errors of coordinates up to 1e6 times the size are below this limit. A layer with a
-# thickness of 1e-9 of its width is above it.
+# A cell has no volume if its volume divided by the cube (2-D: square) of its size is below this
+# limit. Rounding errors of coordinates up to 1e6 times the size are below the limit. A layer with a
+# thickness of 1e-9 of its width is above the limit.
 NO_VOLUME = 1e-10
-TOUCHING = 1e-6  # facets touch if their distance is below this times the facet size
+TOUCHING = 1e-6  # facets touch if distance / facet size is below this limit
 
 
 def check_cells(comm: Any, shape: CellShape, cells: Ints, x: Floats) -> None:
@@ -90,17 +90,17 @@ def warn_of_touching_facets(jointed: JointedMesh) -> None:
 
 
 def _with_neighbours(comm: Any, x: Floats, inner: Floats) -> tuple[Floats, Floats, Flags]:
-    """Return the arguments of `_touching_facets` for this rank's cubes of space (collective).
+    """Return the arguments of `_touching_facets` for this rank's cubes of a grid (collective).
 
-    The cubes are assigned to the ranks by a hash, so that no rank receives the whole surface. A
-    rank receives all facets that reach into its cubes; those centred there are its own facets.
+    A hash assigns the cubes to the ranks, so that no rank receives the whole surface. A rank
+    receives all facets that reach into its cubes and owns the facets with their centre in a cube.
     """
     if comm.size == 1:
         return x, inner, np.ones(len(x), dtype=bool)
     centres, (_, vertices, gdim) = x.mean(axis=1), x.shape
     size = np.linalg.norm(x - centres[:, None], axis=2).max(axis=1)
     width = 2.0 * comm.allreduce(float(size.max(initial=0.0)), MPI.MAX) or 1.0
-    # A facet is narrower than a cube: it fits in two neighbouring cubes along each axis.
+    # A facet is narrower than a cube and fits in two neighbouring cubes along each axis.
     cube = np.floor((centres - size[:, None]) / width).astype(np.int64)
     steps = np.stack(np.meshgrid(*[[0, 1]] * gdim), axis=-1).reshape(-1, gdim)
     ranks = _rank_of(comm, cube[:, None] + steps)
@@ -108,8 +108,8 @@ def _with_neighbours(comm: Any, x: Floats, inner: Floats) -> tuple[Floats, Float
     rows = np.hstack([x.reshape(len(x), vertices * gdim), inner])[facet]
     rows = sent_to(comm, rank, rows)
     x, inner = rows[:, :-gdim].reshape(-1, vertices, gdim), rows[:, -gdim:]
-    own = _rank_of(comm, np.floor(x.mean(axis=1) / width).astype(np.int64)) == comm.rank
-    return x, inner, own
+    is_own = _rank_of(comm, np.floor(x.mean(axis=1) / width).astype(np.int64)) == comm.rank
+    return x, inner, is_own
 
 
 def _rank_of(comm: Any, cube: Ints) -> Ints:
@@ -118,13 +118,13 @@ def _rank_of(comm: Any, cube: Ints) -> Ints:
     return (key % np.uint64(comm.size)).astype(np.int64)
 
 
-def _touching_facets(x: Floats, inner: Floats, own: Flags) -> Floats:
-    """Return the centres of own facets that lie on a facet with the opposite normal.
+def _touching_facets(x: Floats, inner: Floats, is_own: Flags) -> Floats:
+    """Return the centres of the rank's facets that lie on a facet with the opposite normal.
 
     Args:
         x: Vertices of boundary facets in cyclic order, shape (n, vertices, gdim), [m].
         inner: A point inside the cell of each facet, shape (n, gdim), [m].
-        own: True for own facets, shape (n,).
+        is_own: True for facets that the rank owns, shape (n,).
     """
     if not len(x):
         return inner
@@ -132,19 +132,19 @@ def _touching_facets(x: Floats, inner: Floats, own: Flags) -> Floats:
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     normals[np.einsum("ij,ij->i", normals, inner - centres) > 0] *= -1.0
     sizes = np.linalg.norm(x - centres[:, None], axis=2).max(axis=1)
-    # Append the scaled normals: only facets with opposite normals are then close together.
+    # Append the scaled normals, so that only facets with opposite normals are close together.
     far = sizes.max()
     tree = KDTree(np.hstack([centres, far * normals]))
     near = tree.query_ball_point(np.hstack([centres, -far * normals]), sizes)
-    wide = np.repeat(np.arange(len(x)), [len(facets) for facets in near])
+    facet = np.repeat(np.arange(len(x)), [len(facets) for facets in near])
     point = np.concatenate(near).astype(np.int64)
-    away = centres[point] - centres[wide]
-    on = np.abs(np.einsum("ij,ij->i", away, normals[wide])) < TOUCHING * sizes[wide]
+    offset = centres[point] - centres[facet]
+    on = np.abs(np.einsum("ij,ij->i", offset, normals[facet])) < TOUCHING * sizes[facet]
     for k in range(x.shape[1] if x.shape[2] == 3 else 0):
-        start, end = x[wide, k], x[wide, (k + 1) % x.shape[1]]
-        sides = (np.cross(end - start, c - start) for c in (centres[wide], centres[point]))
+        start, end = x[facet, k], x[facet, (k + 1) % x.shape[1]]
+        sides = (np.cross(end - start, c - start) for c in (centres[facet], centres[point]))
         on &= np.einsum("ij,ij->i", *sides) > 0
-    return centres[np.unique(point[on & own[point]])]
+    return centres[np.unique(point[on & is_own[point]])]
 
 
 def _jacobians(shape: CellShape, x: Floats) -> Floats:
@@ -162,9 +162,9 @@ def _hashes(nodes: Ints) -> NDArray[np.uint64]:
     return z ^ (z >> np.uint64(31))
 
 
-def _repeated_keys(comm: Any, keys: NDArray[np.uint64], most: int) -> Ints:
-    """Return the positions of keys that occur more than ``most`` times in total (collective)."""
+def _repeated_keys(comm: Any, keys: NDArray[np.uint64], limit: int) -> Ints:
+    """Return the positions of keys that occur more than ``limit`` times in total (collective)."""
     rank = (keys % np.uint64(comm.size)).astype(np.int64)
     received = np.sort(keys if comm.size == 1 else sent_to(comm, rank, keys))
-    every = np.concatenate(comm.allgather(received[most:][received[most:] == received[:-most]]))
-    return np.flatnonzero(np.isin(keys, every)) if len(every) else np.empty(0, dtype=np.int64)
+    extra = np.concatenate(comm.allgather(received[limit:][received[limit:] == received[:-limit]]))
+    return np.flatnonzero(np.isin(keys, extra)) if len(extra) else np.empty(0, dtype=np.int64)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Partition of a split mesh as if its joints were glued, with cells across joints as ghosts.
+"""Partition of a split mesh as if the joints were glued, with cells across joints as ghosts.
 
 Both cells of a facet pair are on the rank that owns the - cell. Integrals over joints therefore
 need no communication.
@@ -21,7 +21,7 @@ from dolfinx_joints.mesh.joint_pairs import JointPairs
 
 
 def glued(pairs: JointPairs, start: int, stop: int) -> Ints:
-    """Return the numbers of nodes ``start`` to ``stop`` after gluing the joints together."""
+    """Return the node numbers of nodes ``start`` to ``stop`` after gluing the joints."""
     sides = np.stack([pairs.minus_vertices, pairs.plus_vertices])
     nodes, place = np.unique(sides, return_inverse=True)
     one, other = place.reshape(2, -1)
@@ -34,7 +34,7 @@ def glued(pairs: JointPairs, start: int, stop: int) -> Ints:
 
 
 def partitioner_across(pairs: JointPairs, number: Ints) -> Callable[..., Any]:
-    """Return a partitioner for `dolfinx.mesh.create_mesh`; ``number`` is the result of `glued`."""
+    """Return a partitioner for `dolfinx.mesh.create_mesh`; `glued` returns ``number``."""
     by_facets = dolfinx_versions.cell_partitioner()
 
     def partition(comm: Any, parts: int, cell_types: Any, cells: list[Any]) -> Any:

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Split meshes as arrays, one block of rows per rank, and DOLFINx meshes made from them."""
+"""Split meshes as arrays, one block of rows per rank, and DOLFINx meshes made from the arrays."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, mesh_tags
 
 # Meshes kept alive on one rank. If a call that creates a mesh fails, the mesh would be freed while
-# the exception propagates. mpi4py cannot free a communicator then: a SystemError hides the message.
+# the exception propagates; mpi4py would then raise a SystemError that replaces the message.
 _alive: list[tuple[weakref.ref[JointedMesh], Any]] = []
 
 
@@ -36,8 +36,8 @@ class PreparedMesh:
         shape: Reference cell and degree of the geometry.
         cells: Nodes of the cells, shape (cells, nodes of a cell).
         cell_values: Tags of the cells, 0 for none, shape (cells,).
-        facet_values: Tags of their facets, 0 for none, shape (cells, facets of a cell). A facet of
-            two cells may be tagged in only one of them.
+        facet_values: Tags of the cells' facets, 0 for none, shape (cells, facets of a cell). A
+            facet of two cells may be tagged in only one cell.
         x: Node coordinates, shape (nodes, gdim), [m].
         glued: Node numbers with joints glued together, from `partition.glued`.
         pairs: This rank's block of the facet pairs.
@@ -60,7 +60,7 @@ class PreparedMesh:
         return {name: getattr(self, name) for name in MESH_ROWS}
 
     def without_rows(self) -> PreparedMesh:
-        """Return a copy without rows: the data that all ranks have in common."""
+        """Return a copy without rows, with the data that are equal on all ranks."""
         nothing = {name: rows[:0] for name, rows in self.rows().items()}
         return replace(self, pairs=self.pairs.block(0, 0), **nothing)
 
@@ -87,7 +87,7 @@ def check_comm(comm: Any) -> None:
 
 
 def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:
-    """Create the DOLFINx mesh from the shares of all ranks, and tag it (collective)."""
+    """Create the DOLFINx mesh and its tags from the shares of all ranks (collective)."""
     remove_killed_compilations(comm)
     shape = share.shape
     x = rows_at(comm, share.x, share.cells.ravel())

@@ -4,7 +4,7 @@
 
 The file has one dataset per array of `PreparedMesh` and `JointPairs`, with the rows of all ranks.
 The dataset ``facts`` has names, groups and the shape of the cells as JSON. HDF5 stores checksums of
-the rows, and each rank verifies those of the rows that it reads.
+the rows, and each rank verifies the checksums of its rows.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ VERSION = 1
 
 _PAIR_ROWS = tuple(name for name in PAIR_ROWS if name != "number")  # rows are sorted by it
 
-_CHUNK = 1 << 20  # length of the data with one checksum [bytes]
+_CHUNK = 1 << 20  # number of bytes per checksum
 
 
 def write_split(path: str | Path, mesh: JointedMesh, *, overwrite: bool = False) -> None:
@@ -88,7 +88,7 @@ def _rows(share: PreparedMesh) -> dict[str, Any]:
 
 
 def _create(file: h5py.File, share: PreparedMesh, counts: dict[str, int]) -> None:
-    """Write the data that all ranks have in common, and create the datasets for their rows."""
+    """Write the data that are equal on all ranks, and create the datasets for the rows."""
     set_texts(file, format=FORMAT)
     file.attrs["version"] = VERSION
     pairs = share.pairs
@@ -106,13 +106,13 @@ def _create(file: h5py.File, share: PreparedMesh, counts: dict[str, int]) -> Non
     for name, rows in _rows(share).items():
         row, checked = rows.shape[1:], {}
         if counts[name]:
-            most = max(1, _CHUNK // (rows.itemsize * int(np.prod(row))))
-            checked = {"chunks": (min(most, counts[name]), *row), "fletcher32": True}
+            chunk_rows = max(1, _CHUNK // (rows.itemsize * int(np.prod(row))))
+            checked = {"chunks": (min(chunk_rows, counts[name]), *row), "fletcher32": True}
         file.create_dataset(name, (counts[name], *row), rows.dtype, **checked)
 
 
 def read_split(path: str | Path, comm: Any) -> JointedMesh:
-    """Read a split mesh; no rank stores the whole mesh (collective).
+    """Read a split mesh, of which each rank stores only a part (collective).
 
     Args:
         path: File written by `write_split` or by the command ``dolfinx-joints split``.

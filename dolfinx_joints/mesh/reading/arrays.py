@@ -19,14 +19,14 @@ _DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron":
 def mesh_of_arrays(
     cell: str, x: Any, cells: Any, facet_groups: Mapping[str, Any], cell_groups: Mapping[str, Any]
 ) -> RawMesh:
-    """Return the mesh of the arrays that `mesh_from_arrays` takes."""
+    """Return the mesh of the arguments of `mesh_from_arrays`."""
     check_choice("cell", cell, _DIMENSION)
     for argument, given in (("facet_groups", facet_groups), ("cell_groups", cell_groups)):
         check_named(argument, given, "an array by name")
     points, gdim = numbers_of(x), _DIMENSION[cell]
     if points is None or points.ndim != 2 or points.shape[1] != gdim or not finite(points):
         wanted = f"a {cell} mesh needs finite numbers of shape (n, {gdim})"
-        raise MeshError(f"x is {_described(x, points)}; {wanted}.")
+        raise MeshError(f"x is {_text_of(x, points)}; {wanted}.")
     shapes = {s.element().dim: s for s in (CellShape(name=cell, degree=d) for d in (1, 2))}
     nodes = _indices("cells", cells, "nodes", len(points), tuple(shapes))
     shape = shapes[nodes.shape[1]]
@@ -52,7 +52,7 @@ def mesh_of_arrays(
     )
 
 
-def _described(given: Any, array: Floats | None) -> str:
+def _text_of(given: Any, array: Floats | None) -> str:
     return shown(given) if array is None else f"an array of shape {array.shape}"
 
 
@@ -63,7 +63,7 @@ def _indices(name: str, given: Any, of: str, count: int, columns: tuple[int, ...
     if array is None or not fits or (columns and array.shape[1] not in columns):
         wanted = f"(n, {' or '.join(map(str, columns))})" if columns else "(n,)"
         raise MeshError(
-            f"{name} is {_described(given, array)}; numbers of {of} of shape {wanted} are needed."
+            f"{name} is {_text_of(given, array)}; numbers of {of} of shape {wanted} are needed."
         )
     if array.min() < 0 or array.max() >= count or np.any(array != np.rint(array)):
         raise MeshError(

@@ -1,8 +1,8 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Splitting of a user's distributed DOLFINx mesh; only cells that touch a joint go to rank 0.
+"""Splitting of a user's distributed DOLFINx mesh; only cells at joints are sent to rank 0.
 
-Cells and nodes keep their numbers from the creation of the mesh, which no partition changes.
+Cells and nodes keep their input numbers (from ``create_mesh``), which do not depend on partitions.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def split_share(
 ) -> PreparedMesh:
     """Split a mesh at facet groups, and return this rank's equal share (collective).
 
-    A group is a tag or, without tags, the local entities of each rank.
+    A group is given by its tag or, without tags, by the local entities of each rank.
     """
     comm, tdim, shape = mesh.comm, mesh.topology.dim, _shape(mesh)
     facets = _group_entities(mesh, tdim - 1, groups, facet_tags)
@@ -62,7 +62,7 @@ def split_share(
         check_curves(shape, x, local, "The mesh")
 
     rows = _facet_rows(mesh, shape, cells, original, facets)
-    sides = {name + end for name in joints for end in ("", "-", "+")}  # sides if duplicated already
+    sides = {name + end for name in joints for end in ("", "-", "+")}  # + and -: already duplicated
     of_joints = {k: name for k, name in enumerate(facets) if name in sides}
     at_joints = np.concatenate(comm.allgather(rows[np.isin(rows[:, 2], list(of_joints))]))
     corners = cells[owned, : int(shape.facet_vertices.max()) + 1]
@@ -80,21 +80,21 @@ def split_share(
     table = dealt(comm, cell_map.size_global, original[owned], cells[owned])
     set_rows(comm, table, cell, split.cells)
     new = node >= num_nodes
-    every = num_nodes + comm.allreduce(np.count_nonzero(new))
+    total_nodes = num_nodes + comm.allreduce(np.count_nonzero(new))
     x_of_all = np.concatenate([number[nodes], node[new]]), np.concatenate([x[nodes], split.x[new]])
-    glued = np.arange(*equal_blocks(every, comm.size)[comm.rank :][:2])
+    glued = np.arange(*equal_blocks(total_nodes, comm.size)[comm.rank :][:2])
     set_rows(comm, glued, node, split.glued)
     facet_values = np.zeros((len(table), len(shape.facet_vertices)), dtype=np.int32)
     cell_values = np.zeros(len(table), dtype=np.int32)
     of_cells = {name: original[ids, None] for name, ids in cells_of_groups.items()}
-    tagged, tags, cell_groups = _tagged(comm, len(table), of_cells)
+    tagged, tags, cell_groups = _tag_entities(comm, len(table), of_cells)
     cell_values[tagged[:, 0]] = tags
     return PreparedMesh(
         shape=shape,
         cells=table,
         cell_values=cell_values,
         facet_values=facet_values,
-        x=dealt(comm, every, *x_of_all),
+        x=dealt(comm, total_nodes, *x_of_all),
         glued=glued,
         pairs=split.pairs,
         cell_groups=cell_groups,
@@ -103,7 +103,7 @@ def split_share(
 
 
 def _order_of_creation(mesh: dolfinx.mesh.Mesh) -> Ints:
-    """Return the number of each local cell at the creation of the mesh.
+    """Return the input number of each local cell.
 
     Raises:
         MeshError: The mesh does not store these numbers.
@@ -129,10 +129,10 @@ def _split_near(
     """Split the cells that touch a joint, on rank 0 (collective).
 
     ``cells`` has the number and the nodes of each cell of this rank, ``points`` the numbers and
-    the coordinates of its nodes. Numbers of new nodes begin at ``num_nodes``.
+    coordinates of these nodes. Numbers of new nodes begin at ``num_nodes``.
 
     Returns:
-        Cell numbers, node numbers, and the split mesh in these numbers; empty on other ranks.
+        Cell numbers, node numbers, and the split mesh in these numbers; empty except on rank 0.
     """
     parts = comm.gather((cells, *points), root=0)
     whole: list[tuple[Ints, Ints, PreparedMesh]] = []
@@ -178,7 +178,7 @@ def _facet_rows(
 ) -> Ints:
     """Return the cell, local facet, group and vertices of each facet of a group (collective).
 
-    Each facet of a group is on one rank only, with the first of its cells.
+    Each facet of a group is returned on only one rank, with the first of its cells.
     """
     corners = shape.facet_vertices.shape[1]
     parts = [np.empty((0, 3 + corners), dtype=np.int64)]
@@ -199,10 +199,10 @@ def _facet_values(
 ) -> dict[str, tuple[int, ...]]:
     """Tag the facets of this rank's block of cells, and return each group's tags (collective).
 
-    ``values`` receives the tags, ``rows`` come from `_facet_rows`, and the pairs are on rank 0.
+    ``values`` receives the tags. `_facet_rows` returns ``rows``. The pairs are on rank 0.
     """
     slots = {name: rows[rows[:, 2] == k, :2] for k, name in enumerate(groups)}
-    # `rows` have only one face of a facet on a joint: add the other face to other groups.
+    # `rows` have only one face of a joint facet; add the other face if another group has it, too.
     number = np.array([values.shape[1], 1])  # (cell, facet) @ number is a unique facet number
     one, across = np.vstack([pairs.minus, pairs.plus]), np.vstack([pairs.plus, pairs.minus])
     of_joint = np.isin(rows[:, 2], [k for k, name in enumerate(groups) if name in pairs.names])
@@ -216,30 +216,30 @@ def _facet_values(
         for end, side in (("-", pairs.minus), ("+", pairs.plus)):
             none = np.empty((0, 2), dtype=np.int64)
             slots[name + end] = np.vstack([slots.get(name + end, none), side[pairs.joint == i]])
-    entities, tags, of_groups = _tagged(comm, len(values), slots)
+    entities, tags, of_groups = _tag_entities(comm, len(values), slots)
     values[entities[:, 0], entities[:, 1]] = tags
     return of_groups
 
 
-def _tagged(
+def _tag_entities(
     comm: Any, num_cells: int, slots: dict[str, Ints]
 ) -> tuple[Ints, NDArray[np.int32], dict[str, tuple[int, ...]]]:
     """Tag the cells or facets of groups in this rank's block of cells (collective).
 
-    Slots are cells, or cells and local facets, on any rank. The result is that of `tag_sets`, with
+    Slots are cells, or cells and local facets, on any rank. Return the result of `tag_sets`, with
     cells counted from the first cell of the block.
     """
     rows, group, names = members(slots)
     blocks = blocks_of(comm, num_cells)
-    own = sent_to(comm, rank_of(blocks, rows[:, 0]), np.column_stack([rows, group]))
-    own[:, 0] -= blocks[comm.rank]
-    return tag_sets(own[:, :-1], own[:, -1], names, lambda m: np.concatenate(comm.allgather(m)))
+    rows = sent_to(comm, rank_of(blocks, rows[:, 0]), np.column_stack([rows, group]))
+    rows[:, 0] -= blocks[comm.rank]
+    return tag_sets(rows[:, :-1], rows[:, -1], names, lambda m: np.concatenate(comm.allgather(m)))
 
 
 def _group_entities(
     mesh: dolfinx.mesh.Mesh, dim: int, groups: Mapping[str, Any], tags: dolfinx.mesh.MeshTags | None
 ) -> dict[str, NDArray[np.int32]]:
-    """Return the local facets or cells of each group, by its tag or as given (collective)."""
+    """Return the local facets or cells of each group, from tags or as given (collective)."""
     comm, kind = mesh.comm, "cell" if dim == mesh.topology.dim else "facet"
     mesh.topology.create_entities(dim)
     index_map = mesh.topology.index_map(dim)

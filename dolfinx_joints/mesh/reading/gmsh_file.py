@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Reader of Gmsh ``.msh`` files into arrays, on one process; imports Gmsh only when used."""
+"""Reader of Gmsh ``.msh`` files into arrays, on one process; a call imports Gmsh."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def _groups(model: Any, dim: int, names: Names) -> dict[str, list[int]]:
 
 
 def _warn_of_unnamed_cells(model: Any, dim: int, named: Collection[int], source: str) -> None:
-    """Warn of cells in no named group: a part of the body may have been forgotten."""
+    """Warn of cells without a named group, which may be a forgotten part of the body."""
     others = [entity for _, entity in model.getEntities(dim) if entity not in named]
     count = sum(len(tags) for e in others for tags in model.mesh.getElements(dim, e)[1])
     if count:
@@ -142,7 +142,7 @@ def _warn_of_unnamed_cells(model: Any, dim: int, named: Collection[int], source:
 
 
 def _warn_of_unnamed_facets(model: Any, dim: int, tag: int, body: Any, source: str) -> None:
-    """Warn of facets of the body in an unnamed group: a joint may have been forgotten."""
+    """Warn of facets of the body in an unnamed group, which may be a forgotten joint."""
     entities, (shape, cells, used) = model.getEntitiesForPhysicalGroup(dim - 1, tag), body
     try:
         count = find_facets(shape, cells, _facets(model, dim, entities, str(tag), used))[1]
@@ -151,8 +151,8 @@ def _warn_of_unnamed_facets(model: Any, dim: int, tag: int, body: Any, source: s
     warn(
         f"{source!r}: {np.count_nonzero(count)} facets in the unnamed physical group {tag} are "
         f"not read, {np.count_nonzero(count == 2)} of them inside the body; name the group if they "
-        "are a joint or a boundary. If several groups have the same name, Gmsh writes it for one "
-        "of them only: put all entities into one group."
+        "are a joint or a boundary. If several groups have the same name, Gmsh writes the name for "
+        "only one of them: put all entities into one group."
     )
 
 

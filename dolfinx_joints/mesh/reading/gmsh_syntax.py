@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Checks of a ``.msh`` file before Gmsh opens it: the file is a mesh, with plausible counts.
 
-Gmsh reports most damage itself. But it crashes, or allocates memory without limit, if dimensions
-of physical names or counts of nodes and elements are wrong. Formats 4.1 and 2.2 of the Gmsh
-reference manual are checked; of 4.0, only the first counts.
+Gmsh reports most damage. But Gmsh crashes, or allocates memory without limit, if dimensions of
+physical names or counts of nodes and elements are wrong. Formats 4.1 and 2.2 of the Gmsh reference
+manual are checked; in format 4.0 only the first counts.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ _NAME = re.compile(r'([0-3])\s+(\d+)\s+"([^"\n]*)"')
 def check_msh(path: Path) -> dict[tuple[int, int], str]:
     """Check that a file is a mesh with plausible counts, and return its physical names.
 
-    Gmsh reads a file as a mesh if its first word begins a mesh or a section of comments. It runs
+    Gmsh reads a file as a mesh if the file begins with a mesh or a section of comments. Gmsh runs
     any other file as a script.
 
     Returns:
-        Name of each physical group by dimension and tag. Gmsh itself keeps one group per name.
+        Name of each physical group by dimension and tag. Gmsh keeps only one group per name.
     """
     data = path.read_bytes()
     if path.suffix != ".msh" or not data.startswith((b"$MeshFormat", b"$Comments")):
@@ -65,18 +65,18 @@ def check_msh(path: Path) -> dict[tuple[int, int], str]:
 
 
 def _section(data: bytes, name: bytes) -> bytes:
-    """Return the file from the start of a section's content; empty without the section."""
+    """Return the file from the start of a section's content; empty if there is no section."""
     mark = re.search(rb"^\$" + name + rb"[ \t\r]*\n", data, re.MULTILINE)
     return data[mark.end() :] if mark else b""
 
 
-def _blocks_fit(content: bytes, most: int, binary: bool, *, nodes: bool) -> bool:
-    """Return True if no count exceeds ``most`` and the node blocks add up to the node count."""
+def _blocks_fit(content: bytes, limit: int, binary: bool, *, nodes: bool) -> bool:
+    """Return True if no count exceeds ``limit`` and the node blocks add up to the node count."""
     text = [] if binary else content[: content.find(b"$")].split()
     counts = np.frombuffer(content, "<u8", 2) if binary else text[:2]
     blocks, total = (int(count) for count in counts)
-    if max(blocks, total) > most or not nodes:
-        return max(blocks, total) <= most
+    if max(blocks, total) > limit or not nodes:
+        return max(blocks, total) <= limit
     place, counted = 32 if binary else 4, 0
     for _ in range(blocks):
         if binary:

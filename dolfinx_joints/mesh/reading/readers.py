@@ -27,12 +27,12 @@ TagsOrEntities = Mapping[str, int] | Mapping[str, NDArray[np.int32]]
 
 
 def read_msh(path: str | Path, comm: Any, *, joints: list[str] | None = None) -> JointedMesh:
-    """Read a Gmsh ``.msh`` file and split it at its joints (collective).
+    """Read a Gmsh ``.msh`` file and split the mesh at its joints (collective).
 
     Args:
         path: File with named physical groups. A joint is an interior surface group of a
-            conforming mesh. If the nodes are already duplicated, it is two matching boundary groups
-            ``NAME-`` and ``NAME+``; their distance is the initial gap.
+            conforming mesh. If the nodes are already duplicated, a joint is two matching boundary
+            groups ``NAME-`` and ``NAME+``, whose distance is the initial gap.
         comm: MPI communicator of the mesh.
         joints: Names of the joints. The default is all surface groups whose name begins with
             ``joint`` in lower or upper case.
@@ -64,17 +64,17 @@ def split_mesh(
     cell_tags: dolfinx.mesh.MeshTags | None = None,
     cell_groups: TagsOrEntities | None = None,
 ) -> JointedMesh:
-    """Split a DOLFINx mesh at some of its facets (collective).
+    """Split a DOLFINx mesh at given facets (collective).
 
     Args:
         mesh: Conforming mesh of tetrahedra, hexahedra, triangles or quadrilaterals of degree 1 or
-            2. It is not changed; the result has a new mesh.
+            2. This mesh is not changed; the result contains a new mesh.
         facet_tags: Tags of the joint facets and of the boundary groups.
-        joints: Tag of each joint by name. Without ``facet_tags``: its local facets, for example
-            from ``dolfinx.mesh.locate_entities``.
+        joints: Tag of each joint by name. Without ``facet_tags``: local facets of each joint, for
+            example from ``dolfinx.mesh.locate_entities``.
         groups: Tag or local facets of each boundary group by name.
         cell_tags: Tags of the cells.
-        cell_groups: Tag of each cell group by name. Without ``cell_tags``: its local cells.
+        cell_groups: Tag of each cell group by name. Without ``cell_tags``: local cells.
 
     Raises:
         MeshError: No facet has a given tag, or a joint facet does not have one cell on each side.
@@ -93,8 +93,8 @@ def split_mesh(
         (27, 36)
     """
     joints, groups, cell_groups = joints or {}, groups or {}, cell_groups or {}
-    every = _checked_groups(joints, groups, cell_groups, facet_tags, cell_tags)
-    share = split_share(mesh, facet_tags, every, list(joints), cell_tags, cell_groups)
+    all_groups = _checked_groups(joints, groups, cell_groups, facet_tags, cell_tags)
+    share = split_share(mesh, facet_tags, all_groups, list(joints), cell_tags, cell_groups)
     return create_jointed(mesh.comm, share)
 
 
@@ -118,26 +118,26 @@ def read_xdmf(
         joints: Tag of each joint by name.
         groups: Tag of each boundary group by name.
         cell_groups: Tag of each cell group by name.
-        mesh: Name of the mesh in the file; required if the file has several.
-        facet_tags: Name of the facet tags: that of their grid or of their attribute. Required if
-            the file has several, unless exactly one is called ``gmsh:physical``.
-        cell_tags: Name of the cell tags, in the same way.
-        facet_file: XDMF file of the facet tags, if it is a different file.
+        mesh: Name of the mesh in the file; required if the file has several meshes.
+        facet_tags: Name of the grid or of the attribute with the facet tags. Required if the file
+            has several facet tags, unless exactly one has the name ``gmsh:physical``.
+        cell_tags: Name of the grid or of the attribute with the cell tags.
+        facet_file: XDMF file of the facet tags, if they are not in ``path``.
 
     Raises:
         MeshError: A file is missing or cannot be read. A mesh, tags or a group are not in the
             file. A joint facet does not have one cell on each side.
     """
     joints, groups, cell_groups = joints or {}, groups or {}, cell_groups or {}
-    every = _checked_groups(joints, groups, cell_groups, True, True)
+    all_groups = _checked_groups(joints, groups, cell_groups, True, True)
 
-    def prepared() -> PreparedMesh:
+    def prepare_mesh() -> PreparedMesh:
         body = XdmfGrids(Path(path))
         faces = body if facet_file is None else XdmfGrids(Path(facet_file))
-        raw = body.mesh(faces, every, cell_groups, (mesh, facet_tags, cell_tags))
+        raw = body.mesh(faces, all_groups, cell_groups, (mesh, facet_tags, cell_tags))
         return prepare(raw, list(joints))
 
-    return distribute(comm, prepared)
+    return distribute(comm, prepare_mesh)
 
 
 def _checked_groups(
@@ -157,7 +157,7 @@ def _checked_groups(
     shared = [tag for tag in joints.values() if tag in tags_of_groups]
     if both or shared:
         subject = f"The name {both[0]!r}" if both else f"The tag {shared[0]}"
-        raise MeshError(f"{subject} is given for a joint and for a group; use it for one only.")
+        raise MeshError(f"{subject} is given for a joint and for a group; use it for only one.")
     return {**groups, **joints}
 
 
@@ -178,8 +178,8 @@ def mesh_from_arrays(
         cell: ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
         x: Node coordinates, shape (nodes, 2) in 2-D or (nodes, 3) in 3-D, [m].
         cells: Nodes of each cell in the order of DOLFINx (basix), shape (cells, nodes of a cell).
-            Cells have 3, 4, 4 or 8 nodes (degree 1), or 6, 9, 10 or 27 (degree 2, curved). From
-            the order of Gmsh, VTK and Abaqus, use ``cells[:, [0, 1, 3, 2]]`` for quadrilaterals
+            Cells have 3, 4, 4 or 8 nodes (degree 1), or 6, 9, 10 or 27 (degree 2, curved). Convert
+            from the order of Gmsh, VTK and Abaqus by ``cells[:, [0, 1, 3, 2]]`` for quadrilaterals
             and ``cells[:, [0, 1, 3, 2, 4, 5, 7, 6]]`` for hexahedra.
         facet_groups: Vertices of the facets of each group, including joints as in `read_msh`, in
             any order, shape (n, vertices of a facet).
@@ -205,8 +205,8 @@ def mesh_from_arrays(
         8
     """
 
-    def prepared() -> PreparedMesh:
+    def prepare_mesh() -> PreparedMesh:
         raw = mesh_of_arrays(cell, x, cells, facet_groups or {}, cell_groups or {})
         return prepare(raw, joints)
 
-    return distribute(comm, prepared)
+    return distribute(comm, prepare_mesh)

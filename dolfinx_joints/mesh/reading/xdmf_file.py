@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Reader of meshes and tags in XDMF files into arrays, on one process.
 
-DOLFINx's own reader drops facets that are not in the mesh, and all but one tag of a facet.
+DOLFINx's reader is not used: it drops facets outside the mesh and additional tags of a facet.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _DIMENSION = {
     "hexahedron": 3,
 }
 _PHYSICAL = "gmsh:physical"  # name of Gmsh's groups in meshio
-_SAME = 1e-9  # of the extent: nodes of two files agree to the written digits
+_SAME = 1e-9  # nodes of two files are equal if they differ by less than this share of the extent
 
 Grid = ElementTree.Element
 T = TypeVar("T")
@@ -62,9 +62,9 @@ class XdmfGrids:
         cell_groups: Mapping[str, int],
         names: tuple[str | None, str | None, str | None],
     ) -> RawMesh:
-        """Return the named mesh, or that of the largest dimension, with groups by their tags.
+        """Return the named mesh, or the mesh of the largest dimension, with groups by tags.
 
-        ``names`` are those of the mesh, of the facet tags in ``facets`` and of the cell tags.
+        ``names`` are the names of the mesh, of the facet tags in ``facets`` and of the cell tags.
         """
         meshes = [grid for grid in self._grids if grid.find("Geometry") is not None]
         top = max((_dim(grid) for grid in meshes), default=0)
@@ -75,12 +75,12 @@ class XdmfGrids:
         x, cells = self._nodes(grid, dim), self._array(grid, "Topology")
         of_facets, of_cells = {}, {}
         if groups:
-            tagged, tags = facets._tagged("facet", dim - 1, names[1])
+            tagged, tags = facets._grid_of_tags("facet", dim - 1, names[1])
             facets._check_nodes(tagged, x)
             corners = facets._array(tagged, "Topology")[:, : 4 if kind == "hexahedron" else dim]
             of_facets = facets._by_tag("facet", groups, tags, corners)
         if cell_groups:
-            tagged, tags = self._tagged("cell", dim, names[2])
+            tagged, tags = self._grid_of_tags("cell", dim, names[2])
             numbers = self._numbers(self._array(tagged, "Topology"), cells)
             of_cells = self._by_tag("cell", cell_groups, tags, numbers)
         try:
@@ -89,22 +89,22 @@ class XdmfGrids:
         except (AttributeError, RuntimeError, ValueError) as error:
             raise MeshError(f"{self._path}: the {kind} mesh cannot be used: {error}") from None
 
-    def _tagged(self, kind: str, dim: int, name: str | None) -> tuple[Grid, Ints]:
+    def _grid_of_tags(self, kind: str, dim: int, name: str | None) -> tuple[Grid, Ints]:
         """Return the grid of the tags of facets or cells, and the tags."""
         candidates = []
         for grid in (grid for grid in self._grids if _dim(grid) == dim):
-            every, of_grid = enumerate(grid.findall("Attribute"), start=1), grid.get("Name", "")
-            tags = [(k, a.get("Name", "")) for k, a in every if a.get("Center", "Cell") == "Cell"]
-            for number, own in tags:
-                label = own if len(tags) > 1 else of_grid
-                candidates.append((label, {own, of_grid}, (grid, number)))
+            items, of_grid = enumerate(grid.findall("Attribute"), start=1), grid.get("Name", "")
+            tags = [(k, a.get("Name", "")) for k, a in items if a.get("Center", "Cell") == "Cell"]
+            for number, own_name in tags:
+                label = own_name if len(tags) > 1 else of_grid
+                candidates.append((label, {own_name, of_grid}, (grid, number)))
         grid, number = self._choose(f"{kind} tags", f"{kind}_tags", candidates, name)
         return grid, self._array(grid, f"Attribute[{number}]").ravel()
 
     def _choose(
         self, kind: str, argument: str, candidates: list[tuple[str, set[str], T]], name: str | None
     ) -> T:
-        """Return the value of the only candidate (label, names, value), or of ``gmsh:physical``."""
+        """Return the value of the only candidate (label, names, value), or ``gmsh:physical``."""
         available = ", ".join(repr(label) for label, *_ in candidates) or "none"
         chosen = [candidate for candidate in candidates if name in (None, *candidate[1])]
         if name is not None and not chosen:
@@ -118,18 +118,18 @@ class XdmfGrids:
         return chosen[0][2]
 
     def _nodes(self, grid: Grid, dim: int) -> Floats:
-        """Return the coordinates of the nodes, without a constant z in a plane mesh."""
+        """Return the node coordinates; in a plane mesh drop a constant z."""
         x = self._array(grid, "Geometry")
         flat = x.shape[1] == dim + 1 == 3 and np.ptp(x[:, 2]) <= _SAME * np.ptp(x)
         return x[:, :dim] if flat else x
 
     def _check_nodes(self, grid: Grid, x: Floats) -> None:
-        """Check that tagged facets refer to the nodes of the mesh, or have the same nodes."""
+        """Check that tagged facets refer to the nodes of the mesh, or have equal nodes."""
         refers = grid.find("Geometry/DataItem") is None
-        own = x if refers else self._nodes(grid, x.shape[1])
-        if own.shape != x.shape or np.abs(own - x).max(initial=0.0) > _SAME * np.ptp(x):
+        nodes = x if refers else self._nodes(grid, x.shape[1])
+        if nodes.shape != x.shape or np.abs(nodes - x).max(initial=0.0) > _SAME * np.ptp(x):
             raise MeshError(
-                f"{self._path}: the {len(own)} nodes of the facets are not the {len(x)} nodes of "
+                f"{self._path}: the {len(nodes)} nodes of the facets are not the {len(x)} nodes of "
                 "the mesh; write cells and facets with the same points."
             )
 
@@ -158,7 +158,7 @@ class XdmfGrids:
         return {name: entities[tags == tag] for name, tag in groups.items()}
 
     def _array(self, grid: Grid, part: str) -> NDArray[Any]:
-        """Return the numbers of a part of a grid, from the file itself or from its HDF5 file."""
+        """Return the numbers of a part of a grid, from the XDMF file or its HDF5 file."""
         item = grid.find(f"{part}/DataItem")
         try:
             if item is None:

@@ -31,7 +31,7 @@ from dolfinx_joints.simulation.statics.stage_start import carried_loads, start_o
 from dolfinx_joints.simulation.statics.unfinished import Unfinished
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
-from dolfinx_joints.solvers.first_that_works import HoldingBonds, StaticSolver
+from dolfinx_joints.solvers.first_that_works import BondReleaseSolver, StaticSolver
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, StepSolver
 from dolfinx_joints.time_integration.products import Products
 
@@ -125,7 +125,7 @@ def _solve_increments(
         last.ledger.energy = energy
         last.accept(solved, increment)
         if last.joints is not None:
-            watch.see(last.joints.gap)
+            watch.record(last.joints.gap)
         yield increment
 
 
@@ -248,7 +248,7 @@ class _Equilibrium:
 
 def _prepare(solver: StepSolver, last_resort: bool, start: Response | None) -> None:
     """Let a static solver continue from a response; allow other solvers if ``last_resort``."""
-    chosen = solver.inner if isinstance(solver, HoldingBonds) else solver
+    chosen = solver.inner if isinstance(solver, BondReleaseSolver) else solver
     if isinstance(chosen, StaticSolver):
         chosen.last_resort = last_resort
         chosen.continue_from(start)

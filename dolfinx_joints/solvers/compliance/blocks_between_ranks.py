@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Loops over a rank's parts of its blocks with the points of other ranks.
+"""Loops over the blocks between a rank's points and the points of other ranks.
 
 The table has a row per block: first unknown, number of unknowns, rows of the factor, kind, and
-position of its values among the exchanged ones. The entries of the factors follow each other.
+position of the block's values in the exchanged array. The factors are stored one after the other.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from dolfinx_joints.solvers.compliance.own_blocks import SUMS, dense_and_mirror
 
 Ints = NDArray[np.int64]
 
-# What a rank stores of a block with another rank's points: a factor; the whole dense block,
-# transposed; or only the position of its unknowns.
+# Kind of data that a rank stores for a block shared with another rank: a factor; the whole dense
+# block, transposed; or only the position of the unknowns.
 FACTOR, DENSE, PLACE = 0, 1, 2
 
 
@@ -27,9 +27,9 @@ FACTOR, DENSE, PLACE = 0, 1, 2
 def reduce(
     table: Ints, data: NDArray[Any], x: NDArray[Any], out: NDArray[Any], dense: bool
 ) -> None:
-    """Write the values to be sent for x: factors times their parts of x, or these parts themselves.
+    """Write the values to be sent: factors times the blocks' parts of x, or these parts of x.
 
-    Products with factors are added to ``out``. Dense blocks are included only if ``dense``.
+    Products with factors are added to ``out``. Dense blocks are included only if ``dense`` is True.
     """
     start = 0
     for b in range(len(table)):
@@ -39,18 +39,18 @@ def reduce(
             continue
         if kind == FACTOR or dense:
             factor = data[start : start + rows * unknowns].reshape(rows, unknowns)
-            own, given = x[first : first + unknowns], out[at : at + rows]
+            x_block, sums = x[first : first + unknowns], out[at : at + rows]
             for k in range(rows):
                 row, total = factor[k], data.dtype.type(0.0)
                 for j in range(row.size):
-                    total += row[j] * own[j]
-                given[k] += total
+                    total += row[j] * x_block[j]
+                sums[k] += total
         start += rows * unknowns
 
 
 @njit(cache=True, fastmath=SUMS)
 def expand(table: Ints, data: NDArray[Any], values: NDArray[Any], y: NDArray[Any]) -> None:
-    """Add the transposed factors times the received values, or the values themselves, to y."""
+    """Add the received values to y, multiplied by the transposed factors where they exist."""
     start = 0
     for b in range(len(table)):
         first, unknowns, rows, kind, at = table[b]
@@ -79,18 +79,18 @@ def expand_and_return(
     y: NDArray[Any],
     back: NDArray[Any],
 ) -> None:
-    """Do `expand` without places, and add products of dense blocks with x to ``back``."""
+    """Do `expand` except for `PLACE`, and add products of dense blocks with x to ``back``."""
     start = 0
     for b in range(len(table)):
         first, unknowns, rows, kind, at = table[b]
         if kind == PLACE:
             continue
         factor = data[start : start + rows * unknowns].reshape(rows, unknowns)
-        given, mine = values[at : at + rows], y[first : first + unknowns]
+        x_rows, out = values[at : at + rows], y[first : first + unknowns]
         if kind == DENSE:
-            dense_and_mirror(factor, x[first : first + unknowns], given, back[at : at + rows], mine)
+            dense_and_mirror(factor, x[first : first + unknowns], x_rows, back[at : at + rows], out)
         else:
-            _add_transposed(factor, given, mine)
+            _add_transposed(factor, x_rows, out)
         start += rows * unknowns
 
 

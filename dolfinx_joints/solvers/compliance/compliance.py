@@ -1,11 +1,11 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Compliance of the structure at the joint points, G = B A^-1 B^T, scaled to a unit diagonal.
+"""Compliance of the structure at the joint points, G = B A^-1 B^T (20), scaled to a unit diagonal.
 
-With s the square root of a point's own compliance, forces are scaled to f = s F and gaps to g / s,
-both in [J^(1/2)]. G then becomes I + S with small entries of S, as the iteration on the joints
-needs. Each rank stores the vector entries and the rows of S of the points it owns. Two ranks store
-one factor each of a block of low rank between them.
+With s = sqrt(c / w), the root of a diagonal entry of G, joint forces F are scaled to f = s F and
+gaps to g / s, both in [J^(1/2)]. G then becomes I + S with a small S (22), as required by the
+iteration on the joints. Each rank stores the vector entries and the rows of S of its points. If a
+low-rank block belongs to two ranks, each of them stores one factor.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Rows = NDArray[np.int64]
 
 
 class Split(Protocol):
-    """The matrix S, given by its products.
+    """The matrix S, defined by its products with vectors.
 
     Attributes:
         size: Number of rows of all ranks.
@@ -60,26 +60,26 @@ class Compliance:
         effective: The bulk, A.
         operator: B with zero columns at constrained dofs, three rows per joint point.
         joints: Operator of the joints, with the areas and coordinates of the points.
-        kind: ``dense``: all of S, 8 m^2 bytes over the ranks, computed at once from
-            `SMALLEST_AT_ONCE` to `LARGEST_WHOLE` unknowns, otherwise by one back-substitution each.
-            ``compressed``: computed in the same way (on several ranks by back-substitutions), takes
-            less memory. ``matrix-free``: not stored, each product takes a back-substitution.
-            ``auto``: matrix-free if the bulk is solved by iteration, otherwise dense up to
-            `LARGEST_DENSE` unknowns and compressed above.
-        largest: Upper limit of the own compliances, shape (n, 2), [m/Pa].
+        kind: ``dense``: all of S, 8 m^2 bytes on all ranks together for m unknowns. S is computed
+            at once from `SMALLEST_AT_ONCE` to `LARGEST_WHOLE` unknowns, otherwise by one
+            back-substitution per unknown. ``compressed``: less memory, computed in the same way (on
+            several ranks by back-substitutions). ``matrix-free``: S is not stored and each product
+            is a back-substitution. ``auto``: matrix-free if the bulk is solved by iteration,
+            otherwise dense up to `LARGEST_DENSE` unknowns and compressed above.
+        largest: Upper limit of ``own``, shape (n, 2), [m/Pa].
 
     Attributes:
         effective: The bulk, A.
         kind: ``dense``, ``compressed`` or ``matrix-free``.
-        keeps_rows: True if a rank may store whole rows of S next to a compressed one.
-        own: Compliance of each local point on its own area, normal and tangential (the mean of the
-            directions in which it can move), shape (n, 2), [m/Pa].
+        keeps_rows: True if a rank may store whole rows of S next to a compressed S.
+        own: Compliance c of each local point to its own traction, normal and tangential (mean of
+            the directions in which the point can move), shape (n, 2), [m/Pa].
         scale: s, three per local point, 1 where a point cannot move, [(m/N)^(1/2)].
         dead: Directions in which a point cannot move, such as the third in a plane, shape (n, 3).
         split: S.
-        forms: S in the forms of the compiled corrections, None before their first use.
-        rough: S to `ROUGH_COMPRESSION`; None if S is small, if the coordinates of the points are
-            missing, or if nothing is stored and the bulk is factored.
+        forms: S in the forms of the compiled corrections, None before the first correction.
+        rough: S with the error `ROUGH_COMPRESSION`. None if S is small, if the points have no
+            coordinates, or if S is not stored and the bulk is factored.
     """
 
     def __init__(
@@ -124,27 +124,27 @@ class Compliance:
 
     def _dense(self, operator: PETSc.Mat, joints: GapOperator, largest: Floats | None) -> Floats:
         """Return the rank's columns of S, shape (size, local), and set the scale (collective)."""
-        size, own = operator.getSize()[0], _diagonal_index(operator)
+        size, diagonal = operator.getSize()[0], _diagonal_index(operator)
         columns = self._at_once(size)
         if columns is None:
             columns = self._columns(size)
-        self._set_scale(columns[own], joints.areas, largest)
-        every = Parts(self._forces.local, self._comm)
-        columns /= every.all_of(self.scale)[:, None]
+        self._set_scale(columns[diagonal], joints.areas, largest)
+        unknowns = Parts(self._forces.local, self._comm)
+        columns /= unknowns.all_of(self.scale)[:, None]
         columns /= self.scale
-        columns[own] -= 1.0
-        columns[every.all_of(self.dead.ravel())] = 0.0
+        columns[diagonal] -= 1.0
+        columns[unknowns.all_of(self.dead.ravel())] = 0.0
         return columns
 
     def compressed_roughly(self, columns: Floats) -> Compressed:
-        """Return S to `ROUGH_COMPRESSION` from the rank's columns of it (collective)."""
+        """Return S with the error `ROUGH_COMPRESSION` from the rank's columns (collective)."""
         stop = self._comm.scan(columns.shape[1])
-        mine = slice(stop - columns.shape[1], stop)
+        local = slice(stop - columns.shape[1], stop)
 
         def of_unit_diagonal(numbers: Rows) -> Floats:
             part = columns[numbers].T
-            own = np.flatnonzero((numbers >= mine.start) & (numbers < mine.stop))
-            part[numbers[own] - mine.start, own] += 1.0
+            positions = np.flatnonzero((numbers >= local.start) & (numbers < local.stop))
+            part[numbers[positions] - local.start, positions] += 1.0
             return part
 
         ones = np.ones(columns.shape[1])
@@ -155,7 +155,7 @@ class Compliance:
         return Compressed(matrix, self.scale, self.dead, self._comm, self.effective.scheduler)
 
     def _at_once(self, size: int) -> Floats | None:
-        """Return the rank's columns of G, shape (size, local), None if at once is slower, [m/N]."""
+        """Return the rank's columns of G, shape (size, local), [m/N]; None if that is slower."""
         fits = self.keeps_rows and limits.SMALLEST_AT_ONCE <= size <= limits.LARGEST_WHOLE
         return self._forces.at_once() if fits and self.effective.positive else None
 
@@ -177,7 +177,7 @@ class Compliance:
         tolerance: float,
         dtype: type = np.float64,
     ) -> LowRankMatrix:
-        """Return the matrix of some columns in blocks of low rank (collective)."""
+        """Return the matrix with the given columns, in blocks of low rank (collective)."""
         joints = self._joints
         assert joints.points is not None
         return LowRankMatrix(
@@ -209,13 +209,13 @@ class Compliance:
 
 
 def _diagonal_index(operator: PETSc.Mat) -> tuple[Rows, Rows]:
-    """Return the rows and columns of the diagonal in the rank's columns."""
+    """Return the positions (rows, columns) of the diagonal in the rank's columns."""
     start, stop = operator.getOwnershipRange()
     return np.arange(start, stop), np.arange(stop - start)
 
 
 def _chosen(kind: str, size: int, effective: EffectiveMatrix, joints: GapOperator) -> str:
-    """Return the kind of compliance to be made."""
+    """Return the kind of compliance that is used."""
     if kind == "compressed" and joints.points is None:
         raise ValueError(
             "compliance='compressed' needs the coordinates of the joint points; a system made from "
@@ -244,7 +244,7 @@ class _Products:
         self.size = comm.allreduce(self.local)
 
     def product(self, values: Floats, rows: Rows) -> Floats:
-        """Return S times a vector, the rank's parts of both, shape (local,) (collective)."""
+        """Return S times a vector, both with the rank's entries, shape (local,) (collective)."""
         gaps = self._multiply(values / self._scale)
         return np.where(self.live, gaps / self._scale - values, 0.0)
 
@@ -258,7 +258,7 @@ class Compressed(_Products):
 
     Attributes:
         matrix: The blocks.
-        live: Whether an unknown of the rank can move, shape (local,).
+        live: True for each unknown of the rank that can move, shape (local,).
     """
 
     def __init__(
@@ -269,7 +269,7 @@ class Compressed(_Products):
         comm: Any,
         scheduler: BatchScheduler | None,
     ) -> None:
-        """Store the matrix; several runs multiply with it in batches."""
+        """Store the matrix; with a scheduler, the products of several runs are batched."""
         multiply = (
             matrix.product
             if scheduler is None
@@ -286,10 +286,10 @@ class Compressed(_Products):
         return np.hstack(self._comm.allgather(columns))
 
     def columns(self) -> Floats:
-        """Return the rank's columns, one after the other, shape (size, local) (collective)."""
-        every = self.matrix.columns()
+        """Return the rank's columns, stored row by row, shape (size, local) (collective)."""
+        columns = self.matrix.columns()
         parts = Parts(self.local, self._comm)
-        every /= parts.all_of(self._scale)[:, None] * self._scale
-        every[parts.first + np.arange(self.local), np.arange(self.local)] -= 1.0
-        every[~parts.all_of(self.live)] = 0.0
-        return every
+        columns /= parts.all_of(self._scale)[:, None] * self._scale
+        columns[parts.first + np.arange(self.local), np.arange(self.local)] -= 1.0
+        columns[~parts.all_of(self.live)] = 0.0
+        return columns

@@ -1,11 +1,11 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Compliances of joint points in blocks, distributed over the ranks that own the points.
+"""Compliance matrix of the joint points in blocks, distributed to the ranks of the points.
 
-A rank stores the blocks of the points it owns. Of a block L^T R between two ranks the owner of the
-rows stores L and the owner of the columns R. In a product they exchange only the few values R x,
-and L x for the mirror image. A dense block is stored by the owner of its rows; the dense blocks of
-a panel share its unknowns, which are sent once.
+A rank stores the blocks between its own points. For a low-rank block L^T R between two ranks, the
+owner of the rows stores L and the owner of the columns stores R. In a product they exchange only
+the few values R x, and L x for the mirrored block. The owner of the rows stores a dense block. The
+dense blocks of a panel have the same columns; the unknowns of these columns are sent once.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(eq=False)
 class Shares:
-    """Parts of a rank of its blocks with the points of one other rank.
+    """Data of one rank for its blocks with the points of another rank.
 
     Args:
         dtype: Type of the factors.
@@ -58,14 +58,14 @@ class Shares:
     def add(
         self, first: int, unknowns: int, factor: NDArray[Any] | None, kind: int, panel: int
     ) -> None:
-        """Add a part of a block; not allowed after the first product."""
+        """Add the data of a block; not allowed after the first product."""
         rows = unknowns if factor is None else len(factor)
         self.table.append((first, unknowns, rows, kind, panel))
         kept = np.empty((0, unknowns)) if factor is None else factor
         self.factors.append(np.ascontiguousarray(kept, self.dtype))
 
     def replaced(self, parts: Sequence[tuple[NDArray[Any] | None, int]], dtype: Any) -> Shares:
-        """Return shares of the same blocks with other factors and kinds."""
+        """Return the data of these blocks with other factors and kinds."""
         shares = Shares(dtype)
         for (first, unknowns, _, _, panel), part in zip(self.table, parts, strict=True):
             shares.add(first, unknowns, *part, panel)
@@ -75,8 +75,8 @@ class Shares:
     def arrays(self) -> tuple[Ints, NDArray[Any]]:
         """Table and entries for the compiled loops; the factors become views of the entries.
 
-        The last column has the position of a block's values among the exchanged ones, not the
-        panel.
+        The last column of this table is the position of a block's values in the exchanged array,
+        instead of the panel.
         """
         data = np.concatenate([f.ravel() for f in self.factors])
         self._set_views(data)
@@ -94,14 +94,14 @@ class Shares:
         return np.array(table, dtype=np.int64), data
 
     def _set_views(self, data: NDArray[Any]) -> None:
-        """Replace the factors by views of these entries."""
+        """Replace the factors by views of ``data``."""
         at = 0
         for i, factor in enumerate(self.factors):
             self.factors[i] = data[at : at + factor.size].reshape(factor.shape)
             at += factor.size
 
     def move(self, data: NDArray[Any]) -> None:
-        """Use a copy of the entries from now on."""
+        """Use ``data``, a copy of the entries, in all later products."""
         self.__dict__["arrays"] = (self.arrays[0], data)
         self._set_views(data)
 
@@ -113,7 +113,7 @@ class Shares:
 
 @dataclass(frozen=True, kw_only=True)
 class _Panel:
-    """Columns that are computed at a time, with the data that other ranks need."""
+    """Columns that are computed together, with the data that other ranks need."""
 
     numbers: Ints
     cluster: Cluster
@@ -154,7 +154,7 @@ class LowRankMatrix:
         leaf: int = limits.CLUSTER_POINTS,
         symmetric: bool = True,
     ) -> None:
-        """Compute the columns panel by panel, those of rank 0 first (collective)."""
+        """Compute the columns panel by panel, starting with rank 0 (collective)."""
         self.comm, self.symmetric = comm, symmetric
         self.own = OwnBlocks(
             points,
@@ -221,12 +221,12 @@ class LowRankMatrix:
         return sum(shares.length for shares in self._sends.values())
 
     def rougher(self, tolerance: float, dtype: Any = np.float32) -> LowRankMatrix:
-        """Return the matrix to a larger tolerance, from the blocks of this one (collective)."""
+        """Return this matrix with a larger tolerance, computed from its blocks (collective)."""
         rough = copy(self)
         rough.own = self.own.rougher(tolerance, dtype)
         rough._rows, rough._columns = {}, {}
-        # Messages to the owners of the columns have an entry per block. It is the number of rows of
-        # R that stay, R of a block that was dense, or None for a block that stays dense.
+        # A message to the owner of the columns has an entry per block: the number of rows of R that
+        # are kept, R of a block that was dense, or None for a block that stays dense.
         messages: list[list[Any]] = [[] for _ in range(self.comm.size)]
         for rank, shares in self._rows.items():
             kept: list[tuple[NDArray[Any] | None, int]] = []
@@ -250,7 +250,7 @@ class LowRankMatrix:
         return rough
 
     def product(self, vector: Floats) -> Floats:
-        """Return the matrix times a vector, the rank's parts of both, shape (3 n,) (collective)."""
+        """Return the matrix times a vector, with the rank's entries, shape (3 n,) (collective)."""
         comm, own = self.comm, self.own
         x = (own.scale * vector[own.order]).astype(own.dtype)
         y = np.zeros(own.size, dtype=own.dtype)
@@ -271,7 +271,7 @@ class LowRankMatrix:
         return out
 
     def joined(self) -> tuple[Ints, NDArray[Any], list[int]]:
-        """Return the blocks of a symmetric matrix with other ranks: table, entries, lengths.
+        """Return table, entries and lengths of the blocks with other ranks (symmetric matrix).
 
         The lengths are the numbers of values exchanged with each rank in a product.
         """
@@ -291,9 +291,9 @@ class LowRankMatrix:
         return np.concatenate(tables), entries, lengths
 
     def columns(self) -> Floats:
-        """Return all columns of the rank's rows of a symmetric matrix, shape (all rows, own).
+        """Return the rank's columns of a symmetric matrix, shape (all rows, own) (collective).
 
-        They are one after the other in memory (collective).
+        Row i of the array is column i of the rank's rows.
         """
         comm, own = self.comm, self.own
         sizes = comm.allgather(own.size)
@@ -303,12 +303,12 @@ class LowRankMatrix:
         messages: list[Any] = [None] * comm.size
         for rank, shares in self._sends.items():
             messages[rank] = shares.table, shares.factors, own.order, own.scale
-        for rank, theirs in enumerate(comm.alltoall(messages)):
-            if theirs is None:
+        for rank, message in enumerate(comm.alltoall(messages)):
+            if message is None:
                 continue
-            mine, (table, factors, order, scale) = self._sends[rank], theirs
-            for i, factor in enumerate(mine.factors):
-                (first, unknowns, _, kind, _), (at, others, *_) = mine.table[i], table[i]
+            shares, (table, factors, order, scale) = self._sends[rank], message
+            for i, factor in enumerate(shares.factors):
+                (first, unknowns, _, kind, _), (at, others, *_) = shares.table[i], table[i]
                 own_slice, other_slice = slice(first, first + unknowns), slice(at, at + others)
                 block = factors[i].T @ factor if kind == FACTOR else factor
                 if kind == PLACE:

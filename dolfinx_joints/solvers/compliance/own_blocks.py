@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Compliances of a rank's joint points among themselves in blocks: zero, of low rank, or dense.
+"""Compliance matrix between the joint points of one rank in zero, low-rank and dense blocks.
 
 The displacement due to a joint force is smooth far away, and zero on bodies that the point does not
-touch. The columns of one cluster of points (a panel) are computed at a time, so that the whole
-matrix is never stored. Its rows are bisected near it, until a part is zero, of low rank or small.
+touch. The columns of one cluster of points (a panel) are computed together, so the whole matrix is
+never stored. The rows of a panel are bisected until each part is zero, of low rank or small.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SUMS = {"reassoc", "contract", "nsz"}
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """Points ``start`` to ``stop`` of an order, their bounding box, and two halves, if any."""
+    """Points ``start`` to ``stop`` of an order, their bounding box, and no or two halves."""
 
     start: int
     stop: int
@@ -56,7 +56,7 @@ class Cluster:
 def clusters(
     points: Floats, leaf: int = limits.CLUSTER_POINTS, joint: NDArray[Any] | None = None
 ) -> tuple[Ints, list[Cluster]]:
-    """Bisect points across the longest edge of their box until ``leaf`` or fewer are left.
+    """Bisect points across the longest edge of their box until a cluster has at most ``leaf``.
 
     Args:
         points: Coordinates, shape (n, 3), [m].
@@ -94,8 +94,8 @@ def _bisected(points: Floats, order: Ints, start: int, stop: int, leaf: int) -> 
 class OwnBlocks:
     """Blocks of the points of one rank.
 
-    The blocks store the matrix scaled to a unit diagonal, S = diag(1/scale) G diag(1/scale), each
-    to the absolute tolerance in the spectral norm.
+    The blocks store the matrix scaled to a unit diagonal, diag(1/scale) G diag(1/scale) = I + S.
+    The tolerance is absolute for each block, in the spectral norm.
 
     Args:
         points: Coordinates of the points, shape (n, 3), [m].
@@ -112,9 +112,9 @@ class OwnBlocks:
         symmetric: True if only one of two mirrored blocks is stored.
         order: Unknowns in the order of the columns, shape (3 n,).
         scale: Scale in this order, 1 where a point cannot move.
-        panels: Clusters whose columns are computed at a time.
-        blocks: First row, first column, height, width, rank, whether mirrored, and first entry of
-            each block.
+        panels: Clusters whose columns are computed together.
+        blocks: Table with first row, first column, height, width, rank, 1 if mirrored, and first
+            entry of each block.
         data: Entries of the blocks, one after the other.
     """
 
@@ -129,7 +129,7 @@ class OwnBlocks:
         leaf: int,
         symmetric: bool,
     ) -> None:
-        """Cut the points into panels; call `add_panel` for each of them, then `finish`."""
+        """Cut the points into panels; call `add_panel` for each panel, then `finish`."""
         self.symmetric, self.size = symmetric, 3 * len(points)
         self.tolerance, self.dtype = tolerance, np.dtype(dtype)
         order, self._trees = clusters(points, leaf, joint)
@@ -150,7 +150,7 @@ class OwnBlocks:
         self.blocks = np.array(self._table, dtype=np.int64).reshape(-1, 7)
 
     def add_panel(self, panel: Cluster, columns: Floats) -> None:
-        """Cut the rows of a panel into blocks, and store them."""
+        """Cut the rows of a panel into blocks, and store the blocks."""
         for rows, *parts in self.row_blocks(panel, self.scale[panel.unknowns], columns, own=True):
             mirrored = self.symmetric and rows.start >= panel.stop
             at = (3 * rows.start, 3 * panel.start, 3 * (rows.stop - rows.start))
@@ -162,11 +162,11 @@ class OwnBlocks:
     def row_blocks(
         self, panel: Cluster, scale: Floats, columns: Floats, *, own: bool = False
     ) -> Iterator[tuple[Any, ...]]:
-        """Yield clusters of rows, each with its part of a panel: L, R of L^T R, or a dense block.
+        """Yield clusters of rows, each with L and R of a block L^T R, or with a dense block.
 
         Args:
             panel: The panel.
-            scale: Scale of its unknowns.
+            scale: Scale of the panel's unknowns.
             columns: Columns of the panel, shape (3 n, k).
             own: True if the panel has points of this rank.
         """
@@ -180,7 +180,7 @@ class OwnBlocks:
         """Yield a cluster of rows with its block, or the blocks of its halves."""
         meets = own and self.symmetric and rows.start < panel.stop
         if meets and rows.stop <= panel.start:
-            return  # the mirror image of a block of an earlier panel
+            return  # mirrors a block of an earlier panel
         block = scaled[rows.unknowns]
         if not block.any():
             return
@@ -200,13 +200,13 @@ class OwnBlocks:
         for part in parts:
             end = self._filled + part.size
             if end > len(self.data):
-                # Grow in place: a copy of all blocks would double their memory.
+                # Enlarge in place: a copy of all blocks would double their memory.
                 self.data.resize(end + limits.STORE_GROWTH, refcheck=False)
             self.data[self._filled : end] = part.ravel()
             self._filled = end
 
     def rougher(self, tolerance: float, dtype: Any = np.float32) -> OwnBlocks:
-        """Return the same matrix to a larger tolerance, from the blocks of this one."""
+        """Return this matrix with a larger tolerance, computed from its blocks."""
         rough = copy(self)
         rough.tolerance, rough.dtype = tolerance, np.dtype(dtype)
         rough._clear_blocks()
@@ -271,7 +271,7 @@ def _admissible(a: Cluster, b: Cluster) -> bool:
 def factors_if_worth(block: Floats, tolerance: float) -> tuple[Floats, Floats] | None:
     """Return L, R with the fewest rows so that L^T R equals the block within the tolerance.
 
-    The error is measured in the spectral norm. Return None if the factors take more than the block.
+    The error is measured in the spectral norm. Return None if L and R do not save enough memory.
     """
     left_vectors, values, right_vectors = np.linalg.svd(block, full_matrices=False)
     rank = int(np.count_nonzero(values > tolerance))
@@ -281,13 +281,13 @@ def factors_if_worth(block: Floats, tolerance: float) -> tuple[Floats, Floats] |
 
 
 def rank_of(factor: Floats, tolerance: float) -> int:
-    """Return how many rows of a factor have squares, the singular values, above a tolerance."""
+    """Return the number of singular values (squared row norms of a factor) above a tolerance."""
     return int(np.count_nonzero(np.einsum("ij,ij->i", factor, factor) > tolerance))
 
 
 @njit(cache=True, fastmath=SUMS)
 def multiply_blocks(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
-    """Add the blocks, and their mirror images, times x to y."""
+    """Add the blocks and the mirrored blocks, times x, to y."""
     for b in range(len(blocks)):
         row, column, height, width, rank, mirrored, start = blocks[b]
         x_across, y_down = x[column : column + width], y[row : row + height]
@@ -310,7 +310,7 @@ def multiply_blocks(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArra
 
 @njit(cache=True)
 def _multiply_all(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
-    """Add the blocks, and their mirror images, times the columns of x to y."""
+    """Add the blocks and the mirrored blocks, times the columns of x, to y."""
     for b in range(len(blocks)):
         row, column, height, width, rank, mirrored, start = blocks[b]
         x_across, x_down = x[column : column + width], x[row : row + height]
@@ -346,7 +346,7 @@ def dense_and_mirror(
     y_down: NDArray[Any],
     y_across: NDArray[Any],
 ) -> None:
-    """Add a dense block and its mirror image times their parts of x to y, in one pass."""
+    """Add a dense block and the mirrored block, times parts of x, to y in one pass."""
     for i in range(dense.shape[0]):
         total = dense.dtype.type(0.0)
         row, factor = dense[i], x_down[i]

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Matrices over the joint unknowns, distributed over the ranks by rows."""
+"""Matrices of the joint unknowns, distributed to the ranks by rows."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Rows = NDArray[np.int64]
 
 
 class RowMatrix:
-    """Dense matrix over the joint unknowns; each rank stores the rows of the points it owns.
+    """Dense matrix of the joint unknowns; each rank stores the rows of its points.
 
     Each column of the rank's rows is contiguous in memory, so that products with vectors that are
-    mostly zero read only the columns they need. Vectors are those of the rank's unknowns; a product
-    gathers them on every rank. `whole` and `of` require a symmetric matrix.
+    mostly zero read only the necessary columns. Vectors contain the rank's unknowns; a product
+    gathers the unknowns of all ranks. `whole` and `of` require a symmetric matrix.
 
     Args:
-        columns: Columns of the rank's rows, one after the other, shape (size, local).
+        columns: Columns of the rank's rows, one per array row, shape (size, local).
         comm: Communicator of the ranks.
 
     Attributes:
@@ -43,17 +43,17 @@ class RowMatrix:
 
         Args:
             values: Vector of the rank, shape (local,).
-            rows: Local numbers of those rows, sorted.
+            rows: Sorted local numbers of the nonzero entries.
         """
-        every = values
+        vector = values
         if self._comm.size > 1:
             parts = Parts(len(rows), self._comm)
-            every = np.zeros(self.size)
+            vector = np.zeros(self.size)
             rows, entries = parts.all_of(rows + self._unknowns.first), parts.all_of(values[rows])
-            every[rows] = entries
-        mine = np.zeros(self._columns.shape[1])
-        add_rows(self._columns, rows, every, mine)
-        return mine
+            vector[rows] = entries
+        out = np.zeros(self._columns.shape[1])
+        add_rows(self._columns, rows, vector, out)
+        return out
 
     def columns(self) -> Floats:
         """Return the columns of the rank's rows, shape (size, local)."""
@@ -90,18 +90,18 @@ class Parts:
         self.counts = [count] if comm.size == 1 else comm.allgather(count)
         self.first = sum(self.counts[: comm.rank])
 
-    def all_of(self, mine: NDArray[Any]) -> NDArray[Any]:
+    def all_of(self, part: NDArray[Any]) -> NDArray[Any]:
         """Return the parts of all ranks, one after the other (collective)."""
         if self._comm.size == 1:
-            return mine
-        every = np.empty(sum(self.counts), mine.dtype)
-        self._comm.Allgatherv(np.ascontiguousarray(mine), [every, self.counts])
-        return every
+            return part
+        gathered = np.empty(sum(self.counts), part.dtype)
+        self._comm.Allgatherv(np.ascontiguousarray(part), [gathered, self.counts])
+        return gathered
 
 
 @njit(cache=True)
 def add_rows(matrix: NDArray[Any], rows: Rows, values: Floats, out: NDArray[Any]) -> None:
-    """Add some rows of a matrix times their values to ``out``, four rows in one pass."""
+    """Add the given rows of a matrix, times their values, to ``out``; four rows in one pass."""
     k, number = 0, matrix.dtype.type
     while k + 4 <= len(rows):
         r_0, r_1 = matrix[rows[k]], matrix[rows[k + 1]]
@@ -122,7 +122,7 @@ def add_rows(matrix: NDArray[Any], rows: Rows, values: Floats, out: NDArray[Any]
 def multiply_lower(matrix: NDArray[Any], values: NDArray[Any], out: NDArray[Any]) -> None:
     """Write a symmetric matrix times a vector to ``out``; only the lower triangle is read.
 
-    The three rows of a point are multiplied in one pass. All arrays are of one type.
+    The three rows of a point are multiplied in one pass. All arrays have the same type.
     """
     number = matrix.dtype.type
     out[:] = number(0.0)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """G = B A^-1 B^T of all joint unknowns at once, as a Schur complement computed by MUMPS (20a).
 
-The factorization eliminates the dofs in dense fronts, which are shared by the ranks and contain the
+The factorization eliminates the dofs in dense fronts, which the ranks share and which contain the
 joint unknowns. Back-substitutions would read the factor twice for each block of columns.
 """
 
@@ -22,10 +22,10 @@ from dolfinx_joints.solvers.diagnosis import reported_by_package
 
 Floats = NDArray[np.float64]
 
-# MUMPS' ICNTL: do not keep the factor; workspace beyond the estimate, in per cent.
+# MUMPS' ICNTL(31): do not keep the factor. ICNTL(14): extra workspace in per cent of the estimate.
 CONTROLS = {31: 1, 14: 60}
 
-# Its CNTL(1): a positive matrix needs no pivoting, and entries of B have other units.
+# MUMPS' CNTL(1), set to 0: a positive A needs no pivoting, and entries of B have other units.
 THRESHOLD = 1
 
 
@@ -39,7 +39,7 @@ def schur_complement(matrix: PETSc.Mat, operator: PETSc.Mat) -> Floats:
         operator: B.
 
     Raises:
-        JointsError: MUMPS failed, for example for lack of memory.
+        JointsError: MUMPS failed, for example because memory was insufficient.
     """
     transposed = PETSc.Mat().createTranspose(operator)
     bordered = PETSc.Mat().createNest([[matrix, transposed], [operator, None]], comm=matrix.comm)
@@ -72,11 +72,11 @@ def schur_complement(matrix: PETSc.Mat, operator: PETSc.Mat) -> Floats:
 
 
 def _joint_unknowns(matrix: PETSc.Mat, operator: PETSc.Mat) -> PETSc.IS:
-    """Return the numbers of the joint unknowns, which follow each rank's dofs, all on rank 0."""
+    """Return the numbers of all joint unknowns on rank 0; they follow the dofs of each rank."""
     counts = np.diff(operator.getOwnershipRanges())
     numbers = np.arange(operator.getSize()[0]) + np.repeat(matrix.getOwnershipRanges()[1:], counts)
-    own = numbers if matrix.comm.rank == 0 else numbers[:0]
-    return PETSc.IS().createGeneral(own.astype(PETSc.IntType), comm=matrix.comm)
+    local = numbers if matrix.comm.rank == 0 else numbers[:0]
+    return PETSc.IS().createGeneral(local.astype(PETSc.IntType), comm=matrix.comm)
 
 
 def _scattered_rows(factor: PETSc.Mat, operator: PETSc.Mat) -> Floats:
@@ -91,7 +91,7 @@ def _scattered_rows(factor: PETSc.Mat, operator: PETSc.Mat) -> Floats:
 
 
 def _symmetric_matrix(factor: PETSc.Mat, size: int) -> Floats:
-    """Return the Schur complement, of which PETSc stores the lower triangle by columns."""
+    """Return the full Schur complement; PETSc stores only the lower triangle, by columns."""
     dense, entries = ctypes.c_void_p(), ctypes.POINTER(ctypes.c_double)()
     _call_petsc("MatFactorGetSchurComplement", factor.handle, ctypes.byref(dense), None)
     _call_petsc("MatDenseGetArray", dense, ctypes.byref(entries))

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Gaps due to forces on the joints, G F with G = B A^-1 B^T: columns, products, diagonal."""
+"""Gaps due to joint forces, G F with G = B A^-1 B^T (20): columns, products and diagonal of G."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Rows = NDArray[np.int64]
 
 
 class UnitForces:
-    """Compliance G of a factored or iterated bulk, by back-substitutions or all at once.
+    """Compliance G of a bulk, by solves for unit forces or by one Schur complement.
 
     Args:
         effective: The bulk, A.
@@ -54,7 +54,7 @@ class UnitForces:
     def _columns(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Entries of the rank's columns of B, sorted by row: rows, local columns and values.
 
-        (Collective on first use.)
+        The first use is collective.
         """
         transposed = self._operator.transpose(PETSc.Mat())
         starts, numbers, entries = transposed.getValuesCSR()
@@ -70,10 +70,10 @@ class UnitForces:
             numbers: Numbers of the unknowns with unit forces, shape (k,).
         """
         columns = np.empty((self.local, len(numbers)))
-        # More right-hand sides at once take as much memory as the body and save no time.
+        # Larger blocks of right-hand sides take as much memory as the body and save no time.
         for first in range(0, len(numbers), limits.BLOCK_COLUMNS):
-            some = slice(first, first + limits.BLOCK_COLUMNS)
-            columns[:, some] = self._block(numbers[some])
+            block = slice(first, first + limits.BLOCK_COLUMNS)
+            columns[:, block] = self._block(numbers[block])
         return columns
 
     def at_once(self) -> Floats | None:
@@ -82,8 +82,8 @@ class UnitForces:
         Return None, with a warning, if the Schur complement fails.
         """
         size, rank = self._operator.getSize()[0], self._operator.comm.rank
-        some = np.unique(np.linspace(0, size - 1, limits.SAMPLES).astype(np.int64))
-        expected = self.gaps(some)  # also detects a singular bulk
+        samples = np.unique(np.linspace(0, size - 1, limits.SAMPLES).astype(np.int64))
+        expected = self.gaps(samples)  # also detects a singular bulk
         if rank == 0:
             LOGGER.info("compliance of the joints: %d columns by one factorization", size)
         try:
@@ -91,7 +91,7 @@ class UnitForces:
             for first in range(0, size, limits.BLOCK_COLUMNS):
                 numbers = np.arange(first, min(first + limits.BLOCK_COLUMNS, size))
                 columns[numbers] -= self._modal_gaps(numbers).T
-            self._compare(columns[some].T, expected)
+            self._compare(columns[samples].T, expected)
         except (JointsError, PETSc.Error, MemoryError) as error:
             if rank == 0:
                 LOGGER.warning("compliance of the joints is computed column by column: %s", error)
@@ -99,22 +99,22 @@ class UnitForces:
         return columns
 
     def _compare(self, columns: Floats, expected: Floats) -> None:
-        """Raise an error if columns differ from those of back-substitutions (collective)."""
-        mine = np.array([np.abs(gap).max(initial=0.0) for gap in (columns - expected, expected)])
-        error, largest = of_ranks(self._operator.comm.tompi4py(), mine).max(axis=0)
+        """Raise an error if columns differ from the exact ones in ``expected`` (collective)."""
+        sizes = np.array([np.abs(gap).max(initial=0.0) for gap in (columns - expected, expected)])
+        error, largest = of_ranks(self._operator.comm.tompi4py(), sizes).max(axis=0)
         if not error <= limits.AT_ONCE_ERROR * largest:
-            raise JointsError(f"the Schur complement is off by {error:.1e} of {largest:.1e} m/N")
+            raise JointsError(f"the Schur complement has an error of {error:.1e}/{largest:.1e} m/N")
 
     def _block(self, numbers: Rows) -> Floats:
-        """Return some columns of G, solved for at once."""
+        """Return some columns of G, computed in one block solve."""
         solver = self._effective.solver
         if isinstance(solver, DirectSolver) and solver.package == "mumps":
             rows = self._rows_on_rank_0(numbers)
-            moved = solver.solve_sparse(rows)
+            displacements = solver.solve_sparse(rows)
             rows.destroy()
         else:
-            moved = solver.solve_block(self._right_hand_sides(numbers))
-        return multiplied(self._operator, moved) - self._modal_gaps(numbers)
+            displacements = solver.solve_block(self._right_hand_sides(numbers))
+        return multiplied(self._operator, displacements) - self._modal_gaps(numbers)
 
     @cached_property
     def _modal(self) -> tuple[Floats, Floats] | None:
@@ -130,11 +130,11 @@ class UnitForces:
             return np.zeros((self.local, len(numbers)))
         gaps, small = self._modal
         first, stop = self._operator.getOwnershipRange()
-        own = np.flatnonzero((numbers >= first) & (numbers < stop))
-        loaded = np.zeros((len(numbers), len(small)))
-        loaded[own] = gaps[numbers[own] - first]
-        every = summed(self._operator.comm.tompi4py(), loaded)
-        modal_gaps: Floats = gaps @ (small @ every.T)
+        local = np.flatnonzero((numbers >= first) & (numbers < stop))
+        modal = np.zeros((len(numbers), len(small)))
+        modal[local] = gaps[numbers[local] - first]
+        amounts = summed(self._operator.comm.tompi4py(), modal)
+        modal_gaps: Floats = gaps @ (small @ amounts.T)
         return modal_gaps
 
     def _right_hand_sides(self, numbers: Rows) -> Floats:
@@ -142,9 +142,9 @@ class UnitForces:
         rows, lines, entries = self._columns
         firsts = np.searchsorted(rows, numbers)
         counts = np.searchsorted(rows, numbers, side="right") - firsts
-        picked = ranges(firsts, counts)
+        entry = ranges(firsts, counts)
         block = np.zeros((self._operator.getLocalSize()[1], len(numbers)))
-        block[lines[picked], np.repeat(np.arange(len(numbers)), counts)] = entries[picked]
+        block[lines[entry], np.repeat(np.arange(len(numbers)), counts)] = entries[entry]
         return block
 
     def _rows_on_rank_0(self, numbers: Rows) -> PETSc.Mat:
@@ -152,13 +152,13 @@ class UnitForces:
         starts, columns, values = self._rows
         first, stop = self._operator.getOwnershipRange()
         own_numbers = np.flatnonzero((numbers >= first) & (numbers < stop))
-        own = numbers[own_numbers] - first
-        counts = starts[own + 1] - starts[own]
-        picked, comm = ranges(starts[own], counts), self._operator.comm
-        mine = (np.repeat(own_numbers, counts), columns[picked], values[picked])
-        parts = comm.tompi4py().gather(mine, root=0)
+        local = numbers[own_numbers] - first
+        counts = starts[local + 1] - starts[local]
+        entry, comm = ranges(starts[local], counts), self._operator.comm
+        triplets = (np.repeat(own_numbers, counts), columns[entry], values[entry])
+        parts = comm.tompi4py().gather(triplets, root=0)
         count, dofs = 0 if parts is None else len(numbers), self._operator.getSize()[1]
-        empty = tuple(part[:0] for part in mine)
+        empty = tuple(part[:0] for part in triplets)
         at, columns, values = (
             np.concatenate(arrays) for arrays in zip(*(parts or [empty]), strict=True)
         )
@@ -186,9 +186,9 @@ class UnitForces:
     def diagonal(self) -> Floats:
         """Return an estimate of the diagonal of G at the rank's points, [m/N] (collective).
 
-        It has the shape (local,) and is B diag(A)^-1 B^T times the ratio of the exact diagonal to
-        it. The ratio is the median at some points, for normal and for tangential directions. The
-        joints' iteration converges with any estimate, and fast with this one.
+        The estimate, shape (local,), is the diagonal of B diag(A)^-1 B^T times a factor for normal
+        and a factor for tangential directions. Each factor is the median ratio of exact and
+        estimated values at a few points. The iteration converges with any estimate, fast with this.
         """
         comm = self._operator.comm.tompi4py()
         estimate = diagonal_compliance(self._operator, self._effective.constrained.getDiagonal())
@@ -197,9 +197,9 @@ class UnitForces:
         numbers = unknowns_of(points)
         start, stop = self._operator.getOwnershipRange()
         gaps = self.gaps(numbers)
-        own = np.flatnonzero((numbers >= start) & (numbers < stop))
+        local = np.flatnonzero((numbers >= start) & (numbers < stop))
         samples = np.zeros((2, len(numbers)))
-        samples[:, own] = gaps[numbers[own] - start, own], estimate[numbers[own] - start]
+        samples[:, local] = gaps[numbers[local] - start, local], estimate[numbers[local] - start]
         exact, estimated = summed(comm, samples)
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.where(estimated > 0.0, exact / estimated, np.nan).reshape(-1, 3)
@@ -222,7 +222,7 @@ class UnitForces:
 
 
 def _median(ratio: Floats) -> float:
-    """Return the median of the finite positive values, 1 without any."""
+    """Return the median of the finite positive values, or 1."""
     valid = ratio[np.isfinite(ratio) & (ratio > 0.0)]
     return float(np.median(valid)) if len(valid) else 1.0
 

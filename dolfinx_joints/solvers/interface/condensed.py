@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""System condensed onto its joints for one set of coefficients."""
+"""System condensed onto the joints for one set of coefficients (20) to (22)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Solved:
     """Joint forces of a step.
 
     Attributes:
-        force: Scaled forces f - r, shape (m,).
+        force: Scaled forces f - r, the forces of the laws, shape (m,).
         response: Response of the joint points.
         iterations: Number of Newton iterations.
         relative: Residual relative to the largest force.
@@ -62,9 +62,9 @@ class Condensed:
         options: Options for the solver of the bulk and for the compliance.
 
     Attributes:
-        static: True if there is no inertia.
-        unsupported: True if blocks are supported by joints alone, in statics.
-        used: True if a step has been solved with it.
+        static: True in statics (no inertia).
+        unsupported: True if only joints support a block, in statics.
+        used: True if a step has been solved with this object.
     """
 
     def __init__(
@@ -85,14 +85,14 @@ class Condensed:
         self._body = EffectiveMatrix.of(system, effective, linear=options.linear)
         self.unsupported = self.static and not _is_regular(self._body, unconstrained_dofs(system))
         if self.unsupported:
-            # Leave the failed factor to PETSc's garbage collector. Every rank must take part in its
-            # destruction, and on three ranks two were seen to wait for the third.
+            # Leave the failed factor to PETSc's garbage collector: all ranks must destroy it
+            # together, and a direct call has blocked two of three ranks.
             del self._body
             free_petsc_garbage(self._contact.operator.comm)
 
     @cached_property
     def springs(self) -> JointSprings | None:
-        """Springs across the joints in statics of unsupported blocks, else None (collective)."""
+        """Springs across the joints if a block is unsupported, else None (collective)."""
         return JointSprings(self._system) if self.unsupported else None
 
     @cached_property
@@ -109,7 +109,7 @@ class Condensed:
 
     @cached_property
     def compliance(self) -> Compliance:
-        """Scaled compliance G, made on first use (collective)."""
+        """Scaled compliance of the joints, made on first use (collective)."""
         shared = self._system.shared
         if shared is None or self.springs is not None:
             return self._new_compliance()
@@ -128,7 +128,7 @@ class Condensed:
 
     @cached_property
     def scale(self) -> Floats:
-        """s, zero in directions in which a point cannot move, shape (m,), [(m/N)^(1/2)]."""
+        """Scale s = sqrt(c / w), zero in directions that cannot move, (m,), [(m/N)^(1/2)]."""
         return np.where(self.compliance.dead.ravel(), 0.0, self.compliance.scale)
 
     @cached_property
@@ -165,7 +165,7 @@ class Condensed:
         return meet
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state of the corrections, empty before the first one."""
+        """Return the state of the corrections, empty before the first correction."""
         if "corrections" not in self.__dict__:
             return dict(self._restored)
         return self.corrections.state_dict()
@@ -177,8 +177,8 @@ class Condensed:
     def close_unresolved_openings(self, solved: Solved) -> None:
         """Set rigid-point openings below the step's resolution to zero (collective).
 
-        Where rigid joints meet, sticking points determine whether other points are open. Such an
-        opening would contradict them in later steps, the more the shorter these steps are.
+        Where rigid joints meet, sticking points determine whether other points are open. An opening
+        within the resolution would contradict these points in later steps, especially short steps.
         """
         if not self._contact.rigid:
             return
@@ -192,11 +192,11 @@ class Condensed:
     def _sticking_tangent(self) -> Floats:
         """Return T0, the diagonal tangent c / (c + weight / k) of sticking points, shape (n, 3)."""
         contact = self._contact
-        own = np.repeat(self.compliance.own, (1, 2), axis=1)
+        compliance = np.repeat(self.compliance.own, (1, 2), axis=1)
         stiffness = np.repeat(contact.closed_stiffness(), (1, 2), axis=1)
         with np.errstate(divide="ignore"):
-            total = own + self._weight / stiffness
-        ratio = np.divide(own, total, out=np.zeros_like(own), where=total > 0.0)
+            total = compliance + self._weight / stiffness
+        ratio = np.divide(compliance, total, out=np.zeros_like(compliance), where=total > 0.0)
         return np.where(self.compliance.dead, 0.0, ratio)
 
     def destroy(self) -> None:
@@ -210,15 +210,15 @@ class Condensed:
 
 
 def _is_regular(matrix: EffectiveMatrix, unconstrained: PETSc.Vec) -> bool:
-    """Return True if a static matrix is regular: no block is supported by joints alone."""
-    load, moved = unconstrained.duplicate(), unconstrained.duplicate()
+    """Return True if a static matrix is regular: no block is supported only by joints."""
+    load, displacement = unconstrained.duplicate(), unconstrained.duplicate()
     load.setRandom()
     load.pointwiseMult(load, unconstrained)
     try:
-        matrix.solve(load, moved)
+        matrix.solve(load, displacement)
     except JointsError:
         return False
     residual = load.duplicate()
-    matrix.constrained.mult(moved, residual)
+    matrix.constrained.mult(displacement, residual)
     residual.axpy(-1.0, load)
     return bool(residual.norm() <= limits.SUPPORTED_RESIDUAL * load.norm())

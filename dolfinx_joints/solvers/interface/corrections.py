@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Newton's corrections of the joint forces, (I + T S) d = r, by compiled functions.
+"""Newton's corrections d of the joint forces, (I + T S) d = r (24), by compiled functions.
 
-Inside the corrections S is in single precision, or compressed to a tolerance; Newton's iteration
-removes the error. The module `compiled.corrections` solves on one of two sets of points; this
-module keeps the data between corrections.
+S is the scaled compliance less the identity (22), T the tangent, r the residual. Inside corrections
+S is in single precision or compressed; Newton's iteration removes the error. The module
+`compiled.corrections` solves on one of two sets of points; this module keeps the data for reuse.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from dolfinx_joints.solvers.interface.compiled.ranks import lengths_of, ranks_of
 
 Floats = NDArray[np.float64]
 
-# Sets of points of which the parts of S or W are kept: name in checkpoints, name in `Memory`.
+# Sets of points whose parts of S or W are kept: name in checkpoints, name in `Memory`.
 SETS = {"kept": "active", "changed": "changed"}
 
 
@@ -44,7 +44,7 @@ class Correction(NamedTuple):
     """Correction of the scaled forces.
 
     Attributes:
-        step: d of the rank's unknowns, shape (m,).
+        step: d, of the rank's unknowns, shape (m,).
         coupled: S d, shape (m,).
         error: Bound of the error of S d.
     """
@@ -59,8 +59,8 @@ class CompiledCorrections:
 
     Args:
         compliance: S and its scale.
-        stuck: T0, the diagonal of the tangent of the rank's points where they stick, shape (points,
-            3); None if the complement set cannot be used.
+        stuck: T0, the diagonal tangent of the rank's points if they stick, shape (points, 3); None
+            if the complement set cannot be used.
         comm: Communicator of the ranks.
 
     Attributes:
@@ -103,19 +103,19 @@ class CompiledCorrections:
         )
 
     def solve(
-        self, residual: Floats, tangent: Floats, least: float, tolerance: float, *, couples: bool
+        self, residual: Floats, tangent: Floats, smallest: float, tolerance: float, *, couples: bool
     ) -> Correction:
         """Solve (I + T S) d = r; the vectors are overwritten by the next call (collective).
 
         Args:
             residual: r, of the rank's unknowns, shape (m,).
             tangent: T, of the rank's points, shape (points, 3, 3).
-            least: Entries of r up to this size are treated as zero.
+            smallest: Entries of r up to this size are treated as zero.
             tolerance: Largest residual of the correction, relative to r.
             couples: False if S d is not needed.
         """
         self._make_complement()
-        correct(self._inner, residual, tangent, least, tolerance, couples, self._memory)
+        correct(self._inner, residual, tangent, smallest, tolerance, couples, self._memory)
         step, coupled = self._memory.vectors[STEP], self._memory.vectors[COUPLED]
         largest = float(np.abs(coupled).max(initial=0.0)) if couples else 0.0
         if couples and self._comm.size > 1:
@@ -129,7 +129,7 @@ class CompiledCorrections:
         return out
 
     def _make_complement(self) -> None:
-        """Compute W if it would have saved a quarter of its cost so far (collective)."""
+        """Compute W (25) if it would already have saved a quarter of its cost (collective)."""
         memory, split = self._memory, self._compliance.split
         cost = limits.COMPLEMENT_COST * float(split.size) ** 3
         if memory.has_complement or self._stuck is None or memory.avoidable[0] <= cost:
@@ -149,7 +149,7 @@ class CompiledCorrections:
         self._memory = memory._replace(has_complement=True, complement=complement, changed=changed)
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state that later corrections depend on (collective)."""
+        """Return the state that affects later corrections (collective)."""
         return {"avoidable": float(self._memory.avoidable[0])} | {
             name: Dealt(self._comm, self._numbers(name))
             for name in SETS
@@ -183,7 +183,7 @@ def _complement_of(whole: Floats, stuck: Floats, comm: Any) -> Floats | None:
     """Return the rank's columns of W = S (I + T0 S)^-1, shape (M, m) (collective).
 
     Return None if I + T0 S is nearly singular, as with stiff joints that meet and have more points
-    than dofs. Every rank has all of S, and T0 of its unknowns.
+    than dofs. Each rank passes the whole of S, but T0 only for the rank's unknowns.
     """
     root = np.sqrt(Parts(len(stuck), comm).all_of(stuck))
     inner = root[:, None] * whole * root
@@ -205,8 +205,8 @@ def _complement_of(whole: Floats, stuck: Floats, comm: Any) -> Floats | None:
 def _forms_of(compliance: Compliance, comm: Any) -> tuple[Dense | LowRank, Dense | LowRank]:
     """Return S, and S inside corrections, in the form of the compiled functions (collective).
 
-    Runs that share a compliance share these forms, work arrays included: they do not iterate at the
-    same time.
+    Runs that share a compliance share these forms and their work arrays, because only one run
+    iterates at a time.
     """
     if compliance.forms is None:
         split, rough = compliance.split, compliance.rough

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The joint forces of one step as a problem of the semi-smooth Newton method."""
+"""Joint forces of one step as a problem of the semi-smooth Newton method (23), (24)."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Floats = NDArray[np.float64]
 
 
 class JointForces:
-    """Equation r(f) = 0 of a step.
+    """Equation r(f) = 0 for the scaled joint forces f of a step (23).
 
     Args:
         solver: Solver of the step.
         step: The step.
-        starts: Candidate starts, f and S f; the one with the smallest residual is used.
+        starts: Pairs (f, S f); the iteration starts from the pair with the smallest residual.
     """
 
     def __init__(
@@ -41,16 +41,16 @@ class JointForces:
             self._forcing = limits.STATIC_FORCING
 
     def start(self) -> Iterate:
-        """Return the iterate of the best start (collective)."""
+        """Return the start with the smallest residual (collective)."""
         iterates = [self._step.evaluate(*start) for start in self._starts]
         return min(iterates, key=lambda iterate: iterate.norm)
 
     def accepted(self, at: Iterate) -> Iterate:
         """Return the iterate, with S f recomputed if its error matters (collective)."""
-        if at.error > max(limits.STALE * at.worst, self._negligible_error(at)):
+        if at.error > max(limits.STALE * at.max_residual, self._negligible_error(at)):
             at = self._step.evaluate(at.force, self._corrections.product(at.force))
-        if at.worst and not at.largest:
-            # The laws give no forces: with f = 0 the residual has no rounding error either.
+        if at.max_residual and not at.largest:
+            # All forces of the laws are zero: f = 0 then has a residual without rounding error.
             zero = np.zeros_like(at.force)
             at = min(at, self._step.evaluate(zero, zero), key=lambda iterate: iterate.norm)
         return at
@@ -58,20 +58,22 @@ class JointForces:
     def solved(self, at: Iterate, before: Iterate | None, *, last: bool) -> bool:
         """Return True if the residual is below the target, or accepted and no longer falling."""
         relative, accepted = self._step.judged(at, self._tolerance)
-        ends = last or (before is not None and at.worst >= limits.STALLED * before.worst)
+        ends = last or (
+            before is not None and at.max_residual >= limits.STALLED * before.max_residual
+        )
         return relative <= self._target or (relative <= accepted and ends)
 
     def correction(self, at: Iterate, before: Iterate | None) -> Correction:
         """Return Newton's correction of f (collective)."""
-        relative, size = self.relative(at), at.worst
-        fallen = 1.0 if before is None else size / before.worst
-        tolerance = forcing(self._forcing, fallen, self._target / relative)
-        # Drop entries of r that are already converged, so that they cost no product.
-        least = limits.CONVERGED_ENTRIES * self._target * at.scale
+        relative, size = self.relative(at), at.max_residual
+        reduction = 1.0 if before is None else size / before.max_residual
+        tolerance = forcing(self._forcing, reduction, self._target / relative)
+        # Drop converged entries of r, so that they cost no product with S.
+        smallest = limits.CONVERGED_ENTRIES * self._target * at.scale
         error = at.error + self._corrections.rough * size
         exactly = error > max(limits.STALE_NEXT * relative * size, self._negligible_error(at))
         correction = self._corrections.solve(
-            at.residual, at.tangent, least, tolerance, couples=not exactly
+            at.residual, at.tangent, smallest, tolerance, couples=not exactly
         )
         if exactly:
             coupled = at.coupled - self._corrections.product(at.force - correction.step)
@@ -88,7 +90,7 @@ class JointForces:
 
     def failure(self, at: Iterate, before: Iterate | None, iterations: int) -> ConvergenceError:
         """Return the error of an iteration that did not converge (collective)."""
-        # A tangent that is not finite shows only in the next iterate, so check both.
+        # A NaN in the tangent appears only in the next iterate, so check both.
         responses = [self._step.response(iterate) for iterate in (at, before or at)]
         not_finite = (item for item in responses if self._step.contact.not_finite(item))
         response = next(not_finite, responses[0])
@@ -100,4 +102,4 @@ class JointForces:
 
     def _negligible_error(self, at: Iterate) -> float:
         """Return the largest error of S f that is negligible."""
-        return limits.NEGLIGIBLE * self._target * (at.largest or at.worst)
+        return limits.NEGLIGIBLE * self._target * (at.largest or at.max_residual)

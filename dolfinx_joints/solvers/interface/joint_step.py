@@ -1,6 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Equation of the joint forces of one step: residual r(f), tangent, and their rounding errors."""
+"""Equation of the joint forces of one step: residual r(f) (23), tangent, and rounding errors.
+
+f are the scaled forces s w t, S is the scaled compliance less the identity, s = sqrt(c / w) (22).
+"""
 
 from __future__ import annotations
 
@@ -22,18 +25,18 @@ Floats = NDArray[np.float64]
 
 
 class Iterate(NamedTuple):
-    """Scaled forces of the rank's points and the values that follow from them.
+    """Scaled forces of the rank's points, with their residual and tangent.
 
     Attributes:
         force: f, shape (m,).
         coupled: S f.
         error: Bound of the error of S f.
         residual: r.
-        tangent: T, shape (points, 3, 3).
+        tangent: T = s w (dRes/dh) s (24), shape (points, 3, 3).
         answers: Response of the laws.
         largest: Largest scaled force of the laws, over all ranks.
         norm: 2-norm of r, over all ranks.
-        worst: Largest |r|, over all ranks.
+        max_residual: Largest |r|, over all ranks.
         reach: Largest scaled gap that affects the forces, over all ranks.
         size: Largest |f| plus largest |S f|, over all ranks.
     """
@@ -46,14 +49,14 @@ class Iterate(NamedTuple):
     answers: PointAnswers
     largest: float
     norm: float
-    worst: float
+    max_residual: float
     reach: float
     size: float
 
     @property
     def scale(self) -> float:
-        """Force to which residuals are relative, usually the largest one."""
-        return self.largest or self.worst or 1.0
+        """Force to which residuals are relative, usually the largest force."""
+        return self.largest or self.max_residual or 1.0
 
 
 class JointStep:
@@ -61,16 +64,10 @@ class JointStep:
 
     Args:
         contact: The joints.
-        condensed: The system condensed onto them.
+        condensed: The system condensed onto the joints.
         free_gap: Gap without joint forces, shape (n, 3), [m].
         state: State at the start of the step.
         rule: Rule by which the laws are evaluated.
-
-    Attributes:
-        condensed: The same.
-        free_gap: The same.
-        state: The same.
-        rule: The same.
     """
 
     def __init__(
@@ -84,17 +81,17 @@ class JointStep:
         """Prepare the laws (collective)."""
         self.condensed, self.contact, self._comm = condensed, contact, contact.operator.comm
         self.free_gap, self.state, self.rule = free_gap, state, rule
-        own, springs = condensed.compliance.own, condensed.springs
+        compliance, springs = condensed.compliance.own, condensed.springs
         if springs is not None:
-            own = springs.compliance_without(own)
-        self._laws = contact.condensed_step(own, state, rule)
+            compliance = springs.compliance_without(compliance)
+        self._laws = contact.condensed_step(compliance, state, rule)
         self._scale, self._root = condensed.scale, condensed.root
         gap_sizes = np.maximum(np.abs(free_gap), np.abs(state.gap)).ravel()
         self._gap_sizes = gap_sizes / condensed.compliance.scale
         self._largest_gap = float(self._gap_sizes.max(initial=0.0))
 
     def at_free_gap(self, free_gap: Floats) -> JointStep:
-        """Return the same step from another free gap, shape (n, 3), [m] (collective)."""
+        """Return this step with another free gap, shape (n, 3), [m] (collective)."""
         return JointStep(self.contact, self.condensed, free_gap, self.state, self.rule)
 
     def response(self, at: Iterate) -> Response:
@@ -102,35 +99,35 @@ class JointStep:
         return self._laws.response(at.answers)
 
     def judged(self, at: Iterate, tolerance: float) -> tuple[float, float]:
-        """Return the residual to be compared with the tolerance, and the largest accepted residual.
+        """Return the residual and the largest accepted residual.
 
-        Both and the tolerance are relative to the largest force.
+        All values, including the tolerance, are relative to the largest force.
         """
         scale = at.scale
-        relative, rounding = at.worst / scale, self.rounding(at) / scale
+        relative, rounding = at.max_residual / scale, self.rounding(at) / scale
         if self.condensed.springs is None:
-            # A point that closes as the step ends carries mostly rounding error: accept more.
-            most = limits.LARGEST_ROUNDING if rounding < 1.0 else limits.LARGEST_CONTACT_ROUNDING
-            return relative, max(tolerance, min(rounding, most))
+            # The force of a point that closes as the step ends is mostly rounding error.
+            largest = limits.LARGEST_ROUNDING if rounding < 1.0 else limits.LARGEST_CONTACT_ROUNDING
+            return relative, max(tolerance, min(rounding, largest))
         accepted = max(tolerance, min(rounding, limits.LARGEST_SPRING_ROUNDING))
-        # On a mechanism spring forces dominate: take their rounding error as the residual.
+        # On a mechanism spring forces dominate: use their rounding error as the residual.
         return (max(relative, rounding) if rounding > accepted else relative), accepted
 
     def is_balanced(self, at: Iterate) -> bool:
-        """Return True if only rounding error is left and unsupported blocks have not moved far."""
-        return max(at.worst, self.rounding(at)) <= limits.BALANCED * at.largest
+        """Return True if the residual is rounding error and unsupported blocks hardly moved."""
+        return max(at.max_residual, self.rounding(at)) <= limits.BALANCED * at.largest
 
     @staticmethod
     def rounding(at: Iterate) -> float:
-        """Return the scaled force that rounding errors of the gaps may cause."""
+        """Return the scaled force due to rounding errors of the gaps."""
         return limits.GAP_ROUNDING * (at.reach + at.size)
 
     def forces(self, traction: Floats) -> Floats:
-        """Return the scaled forces of tractions (n, 3), zero in directions without motion."""
+        """Return the scaled forces of tractions (n, 3), zero in directions that cannot move."""
         return self._root * traction.ravel()
 
     def evaluate(self, force: Floats, coupled: Floats, error: float = 0.0) -> Iterate:
-        """Return the residual f - s w t, its tangent s w T s, and their sizes (collective)."""
+        """Return the iterate of f and S f: residual f - s w t, tangent and norms (collective)."""
         trial_gap = self.free_gap - (self._scale * coupled).reshape(-1, 3)
         springs = self.condensed.springs
         if springs is not None:
@@ -152,7 +149,7 @@ class JointStep:
             by_rank = of_ranks(self._comm, sizes)
             sizes = by_rank.max(axis=0)
             sizes[4] = by_rank[:, 4].sum()
-        largest, worst, forces, gaps, square, reach = sizes.tolist()
+        largest, max_residual, forces, gaps, square, reach = sizes.tolist()
         return Iterate(
             force=force,
             coupled=coupled,
@@ -162,7 +159,7 @@ class JointStep:
             answers=answers,
             largest=largest,
             norm=square**0.5,
-            worst=worst,
+            max_residual=max_residual,
             reach=reach,
             size=forces + gaps,
         )
@@ -170,7 +167,7 @@ class JointStep:
     def _active_gap(self, tangent: Floats, springs: JointSprings) -> float:
         """Return the largest scaled gap that affects the forces.
 
-        Soft joints of unsupported blocks may move far, but only part of the gap causes a force.
+        Soft joints of unsupported blocks may open far, but only a share of the gap causes a force.
         """
         share = np.repeat(springs.stiffness * self.condensed.compliance.own, (1, 2), axis=1)
         active_share = np.minimum(np.maximum(np.abs(tangent).max(axis=1), share), 1.0)
@@ -187,10 +184,10 @@ def _residual(
     scale: Floats,
     root: Floats,
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the scaled residual and tangent, zero where a point cannot move, and their sizes.
+    """Return the scaled residual and tangent, zero where a point cannot move, and six norms.
 
-    The sizes are the largest force of the laws, the largest |r|, |f| and |S f|, and the square of
-    |r|. They are NaN if r is. The last entry is left to the caller.
+    The norms are the largest force of the laws, the largest |r|, |f| and |S f|, and the squared
+    2-norm of r. They are NaN if r is NaN. The caller sets the last entry.
     """
     residual, scaled, sizes = np.zeros_like(force), np.empty_like(tangent), np.zeros(6)
     for i in range(len(tangent)):

@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Newton's corrections of the joint forces, (I + T S) d = r, by PETSc's GMRES.
+"""Newton's corrections d of the joint forces, (I + T S) d = r (24), by PETSc's GMRES.
 
-Used if S is not stored, or compressed and not symmetric; in statics, whose corrections must be
-accurate; and if rigid joints meet, whose sticking points tie each other.
+Used in statics, where corrections must be accurate; if S is not stored, or compressed and not
+symmetric; and if rigid joints meet, because their sticking points tie each other.
 """
 
 from __future__ import annotations
@@ -61,14 +61,14 @@ class KrylovCorrections:
         y.setArray(self._diagonal * values + _times_blocks(self._tangent, coupled))
 
     def solve(
-        self, residual: Floats, tangent: Floats, least: float, tolerance: float, *, couples: bool
+        self, residual: Floats, tangent: Floats, smallest: float, tolerance: float, *, couples: bool
     ) -> Correction:
         """Solve (I + T S) d = r; see `CompiledCorrections.solve` (collective)."""
         self._tangent = tangent
-        self._right_hand_side.setArray(np.where(np.abs(residual) > least, residual, 0.0))
-        most = min(limits.MOST_PRODUCTS, self._split.size)
+        self._right_hand_side.setArray(np.where(np.abs(residual) > smallest, residual, 0.0))
+        largest_count = min(limits.MOST_PRODUCTS, self._split.size)
         rtol = max(tolerance, self._finest)
-        self._solver.setTolerances(rtol=rtol, atol=0.0, divtol=np.inf, max_it=most)
+        self._solver.setTolerances(rtol=rtol, atol=0.0, divtol=np.inf, max_it=largest_count)
         self._solver.solve(self._right_hand_side, self._solution)
         step = self._solution.getArray().copy()
         return Correction(step, self.product(step), 0.0)

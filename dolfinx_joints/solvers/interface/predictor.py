@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Elastic predictor: forces from which a static increment stays on its branch of equilibria."""
+"""Elastic predictor: start of a static increment on the branch of the accepted equilibrium."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 class AcceptedForces:
     """Scaled forces f and S f of the last two accepted static solves.
 
-    Under loads that grow in proportion, the next forces are on the line through them.
+    Under proportional loading the next forces are often on the line through the last two forces.
     """
 
     def __init__(self) -> None:
@@ -32,10 +32,10 @@ class AcceptedForces:
         self._solved = traction, force, coupled
 
     def start(self, step: JointStep, traction: Floats) -> tuple[Floats, Floats]:
-        """Return forces f and S f to start a step with (collective).
+        """Return f and S f at which a step starts (collective).
 
-        They are on the line through the last two accepted forces if the residual there is small,
-        else they are those of the elastic predictor.
+        The start is on the line through the last two accepted forces if its residual is small.
+        Otherwise it is the elastic predictor.
 
         Args:
             step: The static increment.
@@ -50,7 +50,7 @@ class AcceptedForces:
             (f0, s0), (f1, s1) = self._forces
             line = 2.0 * f1 - f0, 2.0 * s1 - s0
             at = step.evaluate(*line)
-            if at.worst <= limits.ON_LINE * at.largest:
+            if at.max_residual <= limits.ON_LINE * at.largest:
                 return line
         return elastic_predictor(step, traction)
 
@@ -58,12 +58,11 @@ class AcceptedForces:
 def elastic_predictor(step: JointStep, traction: Floats) -> tuple[Floats, Floats]:
     """Return the scaled forces f of the elastic predictor and S f (collective).
 
-    The laws are linearised at the accepted state, where the joints carry f0 at the gap of the
-    state. With h0 the trial gaps of the laws at this state and T the tangent,
+    The laws are linearised at the accepted state with forces f0, scaled trial gaps h0, tangent T:
 
-        f = f0 + T (h(f) - h0)   with   h(f) = h_trial - S f.                               (28e)
+        f = f0 + T (h(f) - h0)   with   h(f) = g_f - S f,                                   (28e)
 
-    Newton's method from f stays on the branch of equilibria of the state.
+    where g_f is the scaled gap without joint forces. Newton's method from f stays on the branch.
 
     Args:
         step: The static increment.
@@ -72,8 +71,8 @@ def elastic_predictor(step: JointStep, traction: Floats) -> tuple[Floats, Floats
     condensed, compliance = step.condensed, step.condensed.compliance
     force = step.forces(traction)
     coupled = condensed.corrections.product(force)
-    own = np.repeat(compliance.own, (1, 2), axis=1)
-    trial_gap = step.state.gap + own * traction + (compliance.scale * coupled).reshape(-1, 3)
+    c = np.repeat(compliance.own, (1, 2), axis=1)
+    trial_gap = step.state.gap + c * traction + (compliance.scale * coupled).reshape(-1, 3)
     tangent = step.at_free_gap(trial_gap).evaluate(force, coupled).tangent
     change = ((step.free_gap - trial_gap).ravel() / compliance.scale).reshape(-1, 3)
     right_hand_side = -np.einsum("nij,nj->ni", tangent, change).ravel()
@@ -85,7 +84,8 @@ def elastic_predictor(step: JointStep, traction: Floats) -> tuple[Floats, Floats
 def tractions_of(contact: Contact, state: JointState, given: Floats | None) -> Floats:
     """Return the tractions of a state, shape (n, 3), [Pa] (collective).
 
-    They are ``given``, or follow from the gaps; with rigid joints they are zero unless given.
+    Return ``given`` if it is not None. Otherwise the laws give the tractions at the gaps of the
+    state; if a joint is rigid, all tractions are zero.
     """
     if given is not None:
         return given

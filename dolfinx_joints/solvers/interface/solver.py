@@ -1,16 +1,16 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The algebraic step condensed onto the joints: factor the bulk once, iterate on the joints only.
+"""Solver of a step condensed onto the joints: factor the bulk once, iterate only on the joints.
 
-With A factored, joint forces F = w t give the joint gaps g = g_free - G F. The compliance
-(Delassus) matrix is G = B A^-1 B^T. A step takes one response without joint forces, an iteration on
-F alone, and one solve for the displacements due to F. F solves
+With A factored, joint forces F = w t give the joint gaps g = g_free - G F (20). The compliance
+(Delassus) matrix is G = B A^-1 B^T. A step consists of one response without joint forces, an
+iteration on F, and one solve for the displacements due to F. F solves
 
     r(F) = F - w Res(g_free - G F + diag(G) F) = 0.
 
-Res is the law solved at each point on the point's own compliance: in closed form, and regular
-however stiff the joint is. The semi-smooth Newton matrix is I + w T (G - diag G) with T = dRes/dh.
-The iteration works on the scaled forces f and gaps of `compliance`.
+Res is the law solved at each point on the point's own compliance (21). It has a closed form and is
+bounded at any joint stiffness. The semi-smooth Newton matrix is I + w dRes/dh (G - diag G). The
+iteration works on scaled forces f and the scaled compliance I + S (22) to (24), see `compliance`.
 """
 
 from __future__ import annotations
@@ -50,15 +50,15 @@ Floats = NDArray[np.float64]
 
 
 class InterfaceSolver(StepSolver):
-    """Solver of a step on the joint forces alone, by a semi-smooth Newton method.
+    """Solver that iterates only on the joint forces, by a semi-smooth Newton method.
 
-    The result equals that of `NewtonSolver`. The compliance matrix is computed once per set of
-    coefficients and takes one back-substitution per joint unknown. Each step then takes two
+    The result equals the `NewtonSolver` result. The compliance matrix is computed once per set of
+    coefficients and costs one back-substitution per joint unknown. Each step then costs two
     back-substitutions, regardless of the number of Newton iterations.
 
-    In statics, blocks that are supported by joints alone are stabilised by artificial springs
-    across the joints. The spring forces are subtracted from the joint tractions, so that the
-    solution does not depend on the springs.
+    In statics, artificial springs across the joints stabilise blocks that only joints support. The
+    spring forces are subtracted from the joint tractions, so that the solution does not depend on
+    the springs.
 
     Args:
         system: The system, with joints.
@@ -66,8 +66,8 @@ class InterfaceSolver(StepSolver):
 
     Attributes:
         carried: Tractions of the accepted state from which static solves start, shape (n, 3), [Pa].
-            If None, they follow from the gaps of the state, and are zero with rigid joints, whose
-            tractions do not follow from gaps.
+            If None, the laws give the tractions at the gaps of the state. With rigid joints, whose
+            tractions do not depend on gaps, they are then zero.
     """
 
     def __init__(self, system: MatrixSystem, options: SolverOptions | None = None) -> None:
@@ -131,12 +131,12 @@ class InterfaceSolver(StepSolver):
         solved = self._iterate(step, starts)
         self._set_forces(condensed, solved.force, x)
         for _ in range(limits.REFINEMENTS):
-            # Start from the gaps of the body: stiff joints turn their rounding errors into forces.
+            # Repeat from the gaps of the body: stiff joints turn rounding errors into forces.
             if condensed.springs is not None:
                 self._refine_displacement(condensed, b, x)
             start = self._last[1:]
             if condensed.springs is not None and step.is_balanced(at := step.evaluate(*start)):
-                response, relative = step.response(at), at.worst / (at.largest or 1.0)
+                response, relative = step.response(at), at.max_residual / (at.largest or 1.0)
                 solved = replace(solved, response=response, relative=relative)
                 break
             refined = self._iterate(step, [start])
@@ -153,7 +153,7 @@ class InterfaceSolver(StepSolver):
         return solved
 
     def _iterate(self, step: JointStep, starts: Sequence[tuple[Floats, Floats]]) -> Solved:
-        """Return the joint forces of a step from the best of the starts (collective).
+        """Return the joint forces of a step, iterated from the best start (collective).
 
         Raises:
             ConvergenceError: No solution was found.
@@ -168,13 +168,13 @@ class InterfaceSolver(StepSolver):
         )
 
     def _is_settled(self, force_change: Floats) -> bool:
-        """Return True if forces changed little, unlike those of unsupported blocks (collective)."""
+        """Return True if the forces hardly changed; on a mechanism they change (collective)."""
         sizes = [np.abs(force).max(initial=0.0) for force in (force_change, self._last[1])]
         largest_change, largest = of_ranks(self._contact.operator.comm, np.array(sizes)).max(axis=0)
         return bool(largest_change <= limits.SETTLED * largest)
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the matrices, and the forces of the last two steps to start from (collective)."""
+        """Return the matrices, and the last two joint forces as starts (collective)."""
         comm, kept = self._contact.operator.comm, self._condensed.items()
         matrices = {
             str(i): {**asdict(key[0]), "weight": key[1], "corrections": condensed.state_dict()}
@@ -215,7 +215,7 @@ class InterfaceSolver(StepSolver):
         self._last, self._before = start("last"), start("before")
 
     def _starts(self, condensed: Condensed) -> list[tuple[Floats, Floats]]:
-        """Return the last forces and those on the line through the last two, each with S f."""
+        """Return pairs (f, S f): the last forces and the line through the last two forces."""
         last_condensed, force, coupled = self._last
         if last_condensed is not condensed:
             if last_condensed is not None:
@@ -236,7 +236,7 @@ class InterfaceSolver(StepSolver):
     def _change_forces(self, condensed: Condensed, force: Floats, x: PETSc.Vec) -> None:
         """Add the displacements due to a change of the joint forces to x (collective).
 
-        Their gaps give S f without the rounding errors accumulated in the iteration.
+        The gaps of these displacements give S f without the rounding errors of the iteration.
         """
         _, last_force, coupled = self._last
         scale, change = condensed.compliance.scale, force - last_force
@@ -255,8 +255,8 @@ class InterfaceSolver(StepSolver):
     def _refine_displacement(self, condensed: Condensed, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Refine x by a solve for the residual of equilibrium (collective).
 
-        Without joint forces, unsupported blocks move far on soft springs, and the joint forces move
-        them back: the sum of both has a large rounding error.
+        On soft springs, the load moves unsupported blocks far and the joint forces move them back.
+        The sum of both displacements has a large rounding error.
         """
         _, force, coupled = self._last
         scale, right_hand_side = condensed.compliance.scale, b.copy()

@@ -1,12 +1,12 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Artificial springs across the joints that support unsupported blocks in statics.
+"""Artificial springs across the joints, which stabilise unsupported blocks in statics.
 
-They are subtracted from the result. K x + B^T w t = b is solved as (K + B^T w s B) x + B^T w t' = b
-with t' = t - s (g - g0). At a point with its own compliance c, springs included, gap = h - c t'.
-This is the law on a compliance c' at a trial gap h',
+Their forces are subtracted from the result: (K + B^T w s B) x + B^T w t' = b is solved (27), with
+t' = t - s (g - g0), the spring stiffness s (sigma in the theory) and the gap g0 at the start. With
+the compliance c, springs included, g = h - c t'. The law is evaluated on c' and h' (28),
 
-    gap = h' - c' t,   c' = c / (1 - c s),   h' = (h - c s g0) / (1 - c s).
+    g = h' - c' t,   c' = c / (1 - c s),   h' = (h - c s g0) / (1 - c s).
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ class JointSprings:
         """Estimate the elements' stiffness from the diagonal of K (collective)."""
         assert system.contact is not None
         operator = system.contact.operator
-        own = diagonal_compliance(operator.matrix, system.stiffness.getDiagonal())
-        elements = operator.areas[:, None] * own.reshape(-1, 3).max(axis=1)[:, None]
+        compliance = diagonal_compliance(operator.matrix, system.stiffness.getDiagonal())
+        elements = operator.areas[:, None] * compliance.reshape(-1, 3).max(axis=1)[:, None]
         joint = system.contact.firm_stiffness()
-        joint = np.where(elements > 0.0, joint, 0.0)  # the end of a joint inside the body
-        with np.errstate(divide="ignore"):  # no springs where points carry nothing
+        joint = np.where(elements > 0.0, joint, 0.0)  # a joint that ends inside the body
+        with np.errstate(divide="ignore"):  # zero stiffness gives no spring
             self.stiffness: NDArray[Any] = 1.0 / (elements + 1.0 / joint)
         rows, work = operator.matrix.createVecLeft(), operator.matrix.copy()
         rows.setArray((operator.areas[:, None] * self._in_three_directions(self.stiffness)).ravel())
@@ -58,39 +58,39 @@ class JointSprings:
         """Return normal and tangential values, shape (n, 2), for three directions, shape (n, 3)."""
         return np.repeat(values, (1, 2), axis=1)
 
-    def compliance_without(self, own: Floats) -> Floats:
+    def compliance_without(self, compliance: Floats) -> Floats:
         """Return the compliance c' of the law, shape (n, 2), [m/Pa].
 
         Args:
-            own: c, normal and tangential, shape (n, 2), [m/Pa].
+            compliance: c, normal and tangential, shape (n, 2), [m/Pa].
         """
-        return own / (1.0 - self.stiffness * own)
+        return compliance / (1.0 - self.stiffness * compliance)
 
-    def trial_gap_without(self, trial_gap: Floats, own: Floats, before: Floats) -> Floats:
+    def trial_gap_without(self, trial_gap: Floats, compliance: Floats, before: Floats) -> Floats:
         """Return the trial gap h' of the law, shape (n, 3), [m].
 
         Args:
             trial_gap: h, shape (n, 3), [m].
-            own: c, normal and tangential, shape (n, 2), [m/Pa].
+            compliance: c, normal and tangential, shape (n, 2), [m/Pa].
             before: g0, shape (n, 3), [m].
         """
-        share = self._in_three_directions(self.stiffness * own)
+        share = self._in_three_directions(self.stiffness * compliance)
         return (trial_gap - share * before) / (1.0 - share)
 
     def traction_without(
-        self, traction: Floats, tangent: Floats, gap: Floats, own: Floats, before: Floats
+        self, traction: Floats, tangent: Floats, gap: Floats, compliance: Floats, before: Floats
     ) -> tuple[Floats, Floats]:
         """Return the traction t' and its derivative by h, shapes (n, 3) and (n, 3, 3).
 
         Args:
             traction: t of the law, shape (n, 3), [Pa].
             tangent: d t / d h', shape (n, 3, 3), [Pa/m].
-            gap: Gap at the end, shape (n, 3), [m].
-            own: c, normal and tangential, shape (n, 2), [m/Pa].
+            gap: Gap at the end of the increment, shape (n, 3), [m].
+            compliance: c, normal and tangential, shape (n, 2), [m/Pa].
             before: g0, shape (n, 3), [m].
         """
         s = self._in_three_directions(self.stiffness)
-        share = 1.0 - s * self._in_three_directions(own)
+        share = 1.0 - s * self._in_three_directions(compliance)
         derivative = tangent / share[:, :, None]
         derivative[:, [0, 1, 2], [0, 1, 2]] -= (1.0 - limits.SPRING_REGULARISATION) * s
         return traction - s * (gap - before), derivative / share[:, None, :]

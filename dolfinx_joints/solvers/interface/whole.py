@@ -6,10 +6,10 @@ The unknowns are the change x of the displacement and the tractions t:
 
     A x + B^T (w t) = b,    t = t_c(g + B x + c t),    (13a)
 
-where t_c is the condensed form of the laws on the compliances c of their points, as in the
-condensed solver. Here c is estimated from the diagonal of A. Whether a point opens then depends on
-its gap and traction together. The residual of a stiff joint is then no larger than that of a soft
-one. A correction eliminates t; its matrix A + B^T (w D) B is that of `NewtonSolver`.
+where t_c is the condensed form of the laws (Res in the theory) on the compliances c of their
+points. Here c is estimated from the diagonal of A. The residual of a stiff joint is then no larger
+than the residual of a soft joint. A correction eliminates t, which gives the matrix
+A + B^T (w D) B of `NewtonSolver`.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ class WholeSolver(NewtonSolver):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Iterate(BodyIterate):
-    """Displacement and tractions with the residuals of their equations.
+    """Displacement and tractions with the residuals of equilibrium and laws.
 
-    The norm is that of both residuals [J^(1/2)]; the response is that on the compliances c.
+    ``norm`` is the norm of both residuals [J^(1/2)], ``response`` the response on compliances c.
 
     Attributes:
         traction: t, shape (n, 3), [Pa].
@@ -74,10 +74,10 @@ class _MixedProblem(BodyProblem[_Iterate]):
         assert solver.system.contact is not None
         self._contact, self._product = solver.system.contact, self.b.duplicate()
         diagonal = self.matrix.constrained.getDiagonal()
-        own = diagonal_compliance(solver.operator, diagonal).reshape(-1, 3)
+        c = diagonal_compliance(solver.operator, diagonal).reshape(-1, 3)
         self._areas = self._contact.operator.areas[:, None]
-        live = np.maximum(np.count_nonzero(own[:, 1:], axis=1), 1)
-        self._own = self._areas * np.column_stack([own[:, 0], own[:, 1:].sum(axis=1) / live])
+        live = np.maximum(np.count_nonzero(c[:, 1:], axis=1), 1)
+        self._own = self._areas * np.column_stack([c[:, 0], c[:, 1:].sum(axis=1) / live])
         self._c = np.repeat(self._own, (1, 2), axis=1)
         self._inverse_diagonal, self._unit = diagonal, 0.0
         self._inverse_diagonal.reciprocal()
@@ -85,7 +85,7 @@ class _MixedProblem(BodyProblem[_Iterate]):
     def start(self) -> _Iterate:
         """Return the first iterate (collective).
 
-        In statics the tractions are those of the accepted state, so that the first correction is
+        In statics start from the tractions of the accepted state, so that the first correction is
         the elastic predictor.
         """
         if self.matrix.inertia:
@@ -113,7 +113,7 @@ class _MixedProblem(BodyProblem[_Iterate]):
     def right_hand_side(self, at: _Iterate, tolerance: float) -> tuple[PETSc.Vec, float]:
         """Return the right-hand side of a correction [N] and its tolerance (collective).
 
-        Part of it cancels against the tractions of the laws: scale the tolerance by the residual.
+        Part of the right-hand side cancels against the tractions, so scale the tolerance.
         """
         traction = np.einsum("nij,nj->ni", at.inverse, at.law_residual)
         vector = at.unbalanced.copy()
@@ -147,20 +147,20 @@ class _MixedProblem(BodyProblem[_Iterate]):
             response, law_residual, np.abs(gap), traction
         )
         norm = float(np.sqrt(energy + law_energy))
-        # Laws: relative to the largest joint force; equilibrium: relative to its largest term.
+        # Laws: relative to the largest joint force; equilibrium: to its largest term.
         relative = np.array([law_relative, float(self.force.norm()) / scale])
         largest = [limits.LARGEST_CONTACT_ROUNDING, limits.LARGEST_ROUNDING]
         tolerance = np.maximum(self.wanted, np.minimum([law_rounding, rounding], largest))
-        worst = float(relative.max())
+        max_relative = float(relative.max())
         return _Iterate(
             change=change,
             response=response,
             unbalanced=unbalanced,
             norm=norm,
             unit=self._unit or norm or 1.0,
-            relative=worst,
+            relative=max_relative,
             accepted=bool(np.all(relative <= tolerance)),
-            target=self.wanted / (worst or 1.0),
+            target=self.wanted / (max_relative or 1.0),
             traction=traction,
             law_residual=law_residual,
             inverse=np.linalg.inv(np.eye(3) - response.tangent * self._c[:, None, :]),
@@ -170,15 +170,15 @@ class _MixedProblem(BodyProblem[_Iterate]):
     def _law_residual(
         self, response: Response, residual: Floats, gap: Floats, traction: Floats
     ) -> tuple[float, float, float]:
-        """Return the laws' relative residual and rounding error; energy [J] (collective)."""
+        """Return residual and rounding error of the laws, relative; energy [J] (collective)."""
         reach = gap + np.abs(self._c * traction)
         exact = np.divide(reach, self._c, out=np.zeros_like(reach), where=self._c > 0.0)
         sizes = [self._areas * np.abs(values) for values in (residual, response.traction, exact)]
-        mine = [size.max(initial=0.0) for size in sizes]
+        local_sizes = [size.max(initial=0.0) for size in sizes]
         by_rank = of_ranks(
             self._contact.operator.comm,
-            np.array([*mine, np.sum(self._areas * self._c * residual**2)]),
+            np.array([*local_sizes, np.sum(self._areas * self._c * residual**2)]),
         )
-        worst, largest, rounding = by_rank[:, :3].max(axis=0)
-        largest = largest or worst or 1.0
-        return worst / largest, limits.GAP_ROUNDING * rounding / largest, float(by_rank[:, 3].sum())
+        error, largest, rounding = by_rank[:, :3].max(axis=0)
+        largest = largest or error or 1.0
+        return error / largest, limits.GAP_ROUNDING * rounding / largest, float(by_rank[:, 3].sum())

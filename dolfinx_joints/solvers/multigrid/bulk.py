@@ -30,7 +30,7 @@ OPTIONS: dict[str, Any] = {
 }
 
 # Compute P^T A P on several ranks without copies of A P and P, which would double the memory of the
-# levels. It is slower for products that are repeated.
+# levels. This algorithm is slower if a product is repeated.
 PTAP = {"matptap_via": "allatonce"}
 
 
@@ -38,13 +38,13 @@ PTAP = {"matptap_via": "allatonce"}
 def options_set(prefix: str, options: Mapping[str, Any]) -> Iterator[None]:
     """Set PETSc options under a prefix temporarily, except those that the user has set."""
     database = PETSc.Options()
-    own = [key for key in options if not database.hasName(prefix + key)]
-    for key in own:
+    unset = [key for key in options if not database.hasName(prefix + key)]
+    for key in unset:
         database.setValue(prefix + key, options[key])
     try:
         yield
     finally:
-        for key in own:
+        for key in unset:
             database.delValue(prefix + key)
 
 
@@ -59,16 +59,16 @@ def not_converged(ksp: PETSc.KSP, b: PETSc.Vec) -> JointsError:
         "The iterative linear solver did not converge in "
         f"{ksp.getIterationNumber()} iterations: the residual is {ksp.getResidualNorm():.3g}, the "
         f"load {b.norm():.3g}. Check that every block is restrained by supports, springs or a "
-        "closed joint, and that no cell is much longer than thick."
+        "closed joint, and that no cell is much longer than it is thick."
     )
 
 
 class IterativeSolver:
     """Conjugate gradients with smoothed-aggregation multigrid, used like a `DirectSolver`.
 
-    The memory is proportional to the matrix. The coarse levels contain the rigid-body modes, if
-    they are the near null space of the matrix. Products on the finest level, most of the work, use
-    a copy in blocks of the unknowns of a node.
+    The memory is proportional to the size of the matrix. The coarse levels contain the rigid-body
+    modes if these are the near null space of the matrix. Most of the work is products on the finest
+    level, which use a copy of the matrix in node blocks.
 
     Args:
         matrix: Symmetric positive definite matrix, in PETSc's AIJ format.
@@ -79,7 +79,7 @@ class IterativeSolver:
     """
 
     def __init__(self, matrix: PETSc.Mat) -> None:
-        """Create the solver; it is set up at the first solve."""
+        """Create the solver; the first solve sets up the preconditioner."""
         self.matrix = matrix
         self._blocked: PETSc.Mat | None = None
         self._ksp = PETSc.KSP().create(matrix.comm)
@@ -94,7 +94,7 @@ class IterativeSolver:
     def solve(
         self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float = limits.MULTIGRID_TOLERANCE
     ) -> bool:
-        """Solve A x = b; return True if the preconditioner was set up for it (collective).
+        """Solve A x = b; return True if this call set up the preconditioner (collective).
 
         Args:
             b: Right-hand side.
@@ -121,7 +121,7 @@ class IterativeSolver:
 
     @property
     def for_products(self) -> PETSc.Mat:
-        """The matrix, in blocks if a node has several unknowns (collective on first use)."""
+        """Matrix in node blocks if a node has several unknowns (collective on first use)."""
         if self._blocked is None and self.matrix.getBlockSize() > 1:
             self._blocked = self.matrix.convert("baij", PETSc.Mat())
         return self._blocked or self.matrix

@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Nodes that become one node if joints are tied, and the inverse of their blocks of a matrix.
+"""Tied nodes: nodes on both sides of joints that become one node, and inverses of their blocks.
 
-A closed joint couples the two nodes of a point, the more the stiffer it is. Smoothers that treat
-the nodes one by one hardly move the pair; those that treat the pair as a block are not affected.
+A stiff closed joint couples the two nodes of a joint point. Smoothers that treat the nodes one by
+one hardly move the pair; smoothers that treat the pair as a block are not affected.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def tied_nodes(matrix: PETSc.Mat, joints: PETSc.Mat | None) -> tuple[Ints, int]:
     """Return the global number of each local node's tied node, and this rank's count (collective).
 
     The nodes on both sides of a joint point become one tied node, also where several joints meet.
-    Nodes around quadrature points, which lie between more than two nodes, stay separate.
+    Quadrature points lie between more than two nodes; these nodes stay separate.
 
     Args:
         matrix: A, with the dofs of a node as blocks.
@@ -35,23 +35,23 @@ def tied_nodes(matrix: PETSc.Mat, joints: PETSc.Mat | None) -> tuple[Ints, int]:
     if joints is None:
         return np.arange(start, stop), stop - start
     first, second = _pairs(joints, size)
-    least = np.arange(start, stop)
+    lowest = np.arange(start, stop)
     nodes, blocks = np.concatenate([first, second]), blocks_of(comm, stop - start)
     owners = rank_of(blocks, nodes)
-    own, changed = sent_to(comm, owners, nodes) - start, True
+    local, changed = sent_to(comm, owners, nodes) - start, True
     while changed:
-        lower = np.minimum(rows_at(comm, least, first), rows_at(comm, least, second))
-        before = least.copy()
-        np.minimum.at(least, own, sent_to(comm, owners, np.tile(lower, 2)))
-        changed = bool(comm.allreduce(int(np.any(least != before))))
-    kept = least == np.arange(start, stop)
+        lower = np.minimum(rows_at(comm, lowest, first), rows_at(comm, lowest, second))
+        before = lowest.copy()
+        np.minimum.at(lowest, local, sent_to(comm, owners, np.tile(lower, 2)))
+        changed = bool(comm.allreduce(int(np.any(lowest != before))))
+    kept = lowest == np.arange(start, stop)
     count = int(kept.sum())
     number = comm.scan(count) - count + np.cumsum(kept) - 1
-    return rows_at(comm, number, least), count
+    return rows_at(comm, number, lowest), count
 
 
 def _pairs(joints: PETSc.Mat, size: int) -> tuple[Ints, Ints]:
-    """Return the two nodes of each local point that has exactly two."""
+    """Return the two nodes of each local point that has exactly two nodes."""
     starts, columns, values = joints.getValuesCSR()
     row = np.repeat(np.arange(len(starts) - 1), np.diff(starts))[values != 0.0]
     node_of_point = np.stack([row // 3, columns[values != 0.0] // size], axis=1)
@@ -63,13 +63,13 @@ def _pairs(joints: PETSc.Mat, size: int) -> tuple[Ints, Ints]:
 
 
 def tie(tied: Ints, count: int, size: int, comm: Any) -> PETSc.Mat:
-    """Return T, from the unknowns of tied nodes to those of nodes, a 1 in each row (collective).
+    """Return T, which maps unknowns of tied nodes to unknowns of nodes, with one 1 per row.
 
     Args:
         tied: Tied node of each local node.
         count: Number of tied nodes of this rank.
         size: Number of unknowns per node.
-        comm: Communicator.
+        comm: Communicator; the function is collective.
     """
     columns = (size * tied[:, None] + np.arange(size)).ravel().astype(PETSc.IntType)
     starts = np.arange(len(columns) + 1, dtype=PETSc.IntType)
@@ -80,23 +80,23 @@ def tie(tied: Ints, count: int, size: int, comm: Any) -> PETSc.Mat:
 
 
 class BlockInverse:
-    """Inverse of the diagonal blocks of A + K, one block per tied node where K has entries.
+    """Inverse of the diagonal blocks of A + K, one block per tied node with entries of K.
 
     Args:
         matrix: A, in PETSc's AIJ format.
-        added: K, by its pattern.
-        ties: T.
+        added: K, the tangent of the joints; only the sparsity pattern is used.
+        ties: T, from `tie`.
 
     Attributes:
         matrix: The inverse.
     """
 
     def __init__(self, matrix: PETSc.Mat, added: PETSc.Mat, ties: PETSc.Mat) -> None:
-        """Determine the blocks, and invert those of A (collective)."""
+        """Determine the blocks, and invert the blocks of A (collective)."""
         size = ties.getBlockSizes()[0]
         self._dofs = _dofs_of_tied_nodes(added, ties, size)
         self._positions = _BlockPositions(self._dofs)
-        rows = self._positions.every.astype(PETSc.IntType)
+        rows = self._positions.all_dofs.astype(PETSc.IntType)
         self._rows = PETSc.IS().createGeneral(rows, comm=matrix.comm)
         self._bulk = self._blocks(matrix)
         self.matrix = _empty_matrix(ties, size)
@@ -115,7 +115,7 @@ class BlockInverse:
         self.matrix.assemble()
 
     def _blocks(self, matrix: PETSc.Mat) -> list[Floats]:
-        """Return the blocks of a matrix, an array per number of nodes (collective)."""
+        """Return the blocks of a matrix, one array per number of nodes per block (collective)."""
         (part,) = matrix.createSubMatrices([self._rows], [self._rows])
         blocks = self._positions.blocks(part)
         part.destroy()
@@ -131,7 +131,7 @@ class _BlockPositions:
     """Positions of the entries of blocks in a matrix of all their dofs.
 
     Attributes:
-        every: The dofs, sorted.
+        all_dofs: Sorted dofs of all blocks.
     """
 
     def __init__(self, dofs: list[Ints]) -> None:
@@ -140,19 +140,19 @@ class _BlockPositions:
         place: list[Ints] = [np.zeros(0, np.int64)]
         width: list[int] = []
         for group in dofs:
-            count, wide = group.shape
-            block.append(np.repeat(np.arange(count) + len(width), wide))
-            place.append(np.tile(np.arange(wide), count))
-            width += [wide] * count
+            count, block_size = group.shape
+            block.append(np.repeat(np.arange(count) + len(width), block_size))
+            place.append(np.tile(np.arange(block_size), count))
+            width += [block_size] * count
         flat = np.concatenate([np.zeros(0, np.int64), *(group.ravel() for group in dofs)])
         order = np.argsort(flat)
-        self.every = flat[order]
+        self.all_dofs = flat[order]
         self._block, self._place = np.concatenate(block)[order], np.concatenate(place)[order]
         self._width = np.array(width, dtype=np.int64)
         self._first = np.cumsum(self._width**2) - self._width**2
 
     def blocks(self, part: PETSc.Mat) -> list[Floats]:
-        """Return the blocks, an array per number of nodes."""
+        """Return the blocks, one array per number of nodes per block."""
         starts, columns, values = part.getValuesCSR()
         rows = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
         block = self._block[rows]
@@ -167,22 +167,22 @@ class _BlockPositions:
 
 
 def _dofs_of_tied_nodes(added: PETSc.Mat, ties: PETSc.Mat, size: int) -> list[Ints]:
-    """Return the dofs of this rank's tied nodes with entries of K, an array per number of nodes."""
+    """Return the dofs of the rank's tied nodes with entries of K, one array per node count."""
     marked, touched_nodes = ties.createVecs()
     rows = np.diff(added.getValuesCSR()[0]).reshape(-1, size).max(axis=1, initial=0)
     touched_nodes.setArray(np.repeat((rows > 0).astype(float), size))
     ties.multTranspose(touched_nodes, marked)
-    every = ties.transpose(PETSc.Mat())
-    starts, columns, _ = every.getValuesCSR()
+    transposed = ties.transpose(PETSc.Mat())
+    starts, columns, _ = transposed.getValuesCSR()
     first, count = starts[:-1:size], np.diff(starts)[::size]
     touched = marked.getArray(readonly=True)[::size] > 0.0
     members = []
     for nodes in np.unique(count[touched]):
         chosen = first[touched & (count == nodes)]
-        # The first row of a tied node has the first dof of each of its nodes.
+        # The first row of a tied node contains the first dof of each node.
         dofs = columns[chosen[:, None] + np.arange(nodes)][..., None] + np.arange(size)
         members.append(dofs.reshape(len(chosen), -1).astype(np.int64))
-    for temporary in (marked, touched_nodes, every):
+    for temporary in (marked, touched_nodes, transposed):
         temporary.destroy()
     return members
 
@@ -195,8 +195,8 @@ def _empty_matrix(ties: PETSc.Mat, size: int) -> PETSc.Mat:
     ties.mult(tied, count)
     nodes = np.rint(count.getArray(readonly=True)).astype(PETSc.IntType)
     local = count.getSizes()
-    away = np.where(nodes > 1, size * nodes, 0).astype(PETSc.IntType)
-    matrix = PETSc.Mat().createAIJ((local, local), nnz=(size * nodes, away), comm=ties.comm)
+    off_rank = np.where(nodes > 1, size * nodes, 0).astype(PETSc.IntType)
+    matrix = PETSc.Mat().createAIJ((local, local), nnz=(size * nodes, off_rank), comm=ties.comm)
     for used in (tied, count):
         used.destroy()
     return matrix
@@ -204,10 +204,10 @@ def _empty_matrix(ties: PETSc.Mat, size: int) -> PETSc.Mat:
 
 def _insert(matrix: PETSc.Mat, dofs: Ints, blocks: Floats) -> None:
     """Set blocks of a matrix, each with the dofs of one row of ``dofs``."""
-    wide = dofs.shape[1]
+    width = dofs.shape[1]
     matrix.setValuesIJV(
-        np.arange(0, dofs.size * wide + 1, wide, dtype=PETSc.IntType),
-        np.repeat(dofs, wide, axis=0).ravel().astype(PETSc.IntType),
+        np.arange(0, dofs.size * width + 1, width, dtype=PETSc.IntType),
+        np.repeat(dofs, width, axis=0).ravel().astype(PETSc.IntType),
         blocks.ravel(),
         rowmap=dofs.ravel().astype(PETSc.IntType),
     )

@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Levels of multigrid for bodies with joints: those of the tied body, cut at the joints.
+"""Multigrid levels for bodies with joints: the levels of the tied body, cut at the joints.
 
-A function of a coarse level that extends across joints is cut into one function for each side; both
-have the same values at the joint. The joints' stiffness on a coarse level then couples matching
-functions, and open joints are represented as well as closed ones.
+A coarse basis function (below: function) that extends across joints is cut into one function per
+side; both have the same values at the joint. On a coarse level the stiffness of the joints then
+couples matching functions, and open joints are represented as well as closed ones.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class CutLevel:
     Attributes:
         interpolation: P, to the next finer level.
         matrix: P^T A P.
-        blocks: Numbers of unknowns of this rank's blocks; a block has the parts of one function.
+        blocks: Number of unknowns of each block of this rank; a block is one function's parts.
     """
 
     interpolation: PETSc.Mat
@@ -46,7 +46,7 @@ def cut_levels(matrix: PETSc.Mat, tied: Ints, count: int, near: PETSc.NullSpace)
 
     Args:
         matrix: A, in PETSc's AIJ format.
-        tied: Global number of each local node's tied node.
+        tied: Global number of the tied node of each local node.
         count: Number of this rank's tied nodes.
         near: Rigid-body motions.
     """
@@ -63,8 +63,8 @@ def cut_levels(matrix: PETSc.Mat, tied: Ints, count: int, near: PETSc.NullSpace)
         _regularise(matrix, size, np.repeat(functions, functions))
         levels.append(CutLevel(interpolation=interpolation, matrix=matrix, blocks=size * functions))
         first = matrix.comm.tompi4py().scan(len(functions)) - len(functions)
-        every = np.repeat(np.arange(first, first + len(functions)), functions)
-        ties = tie(every, len(functions), size, matrix.comm)
+        tied_functions = np.repeat(np.arange(first, first + len(functions)), functions)
+        ties = tie(tied_functions, len(functions), size, matrix.comm)
     ties.destroy()
     return levels
 
@@ -94,7 +94,7 @@ def _level_options() -> dict[str, Any]:
 
 
 def _tied_motions(near: PETSc.NullSpace, ties: PETSc.Mat) -> PETSc.NullSpace:
-    """Return the orthonormal motions of tied nodes, the means over their nodes (collective)."""
+    """Return orthonormal rigid-body motions of tied nodes, as means of their nodes (collective)."""
     count, nodes = ties.createVecs()
     nodes.set(1.0)
     ties.multTranspose(nodes, count)
@@ -114,29 +114,29 @@ def _tied_motions(near: PETSc.NullSpace, ties: PETSc.Mat) -> PETSc.NullSpace:
 def _cut(matrix: PETSc.Mat, ties: PETSc.Mat, prolongation: PETSc.Mat) -> tuple[PETSc.Mat, Ints]:
     """Return P of the cut functions, and the number of parts of each of this rank's functions.
 
-    A function with nodes of joints is cut into its parts that A connects on each rank (collective).
+    A function with joint nodes is cut into parts that A connects on each rank (collective).
     """
     comm, size = matrix.comm.tompi4py(), ties.getBlockSizes()[0]
-    wide = prolongation.getBlockSizes()[1]
-    (rows, every), columns = matrix.getSizes()[0], prolongation.getSizes()[1]
+    width = prolongation.getBlockSizes()[1]
+    (rows, total_rows), columns = matrix.getSizes()[0], prolongation.getSizes()[1]
     whole = ties.matMult(prolongation)
     starts, entries, values = whole.getValuesCSR()
     whole.destroy()
-    ends, function = _pairs(starts[::size].copy(), entries // wide, columns[1] // wide)
+    ends, function = _pairs(starts[::size].copy(), entries // width, columns[1] // width)
     node = np.repeat(np.arange(rows // size), np.diff(ends))
     joint = _is_tied(ties)[node]
-    blocks = blocks_of(comm, columns[0] // wide)
-    touched = np.zeros(columns[0] // wide, dtype=bool)
+    blocks = blocks_of(comm, columns[0] // width)
+    touched = np.zeros(columns[0] // width, dtype=bool)
     owner = rank_of(blocks, function)
     touched[sent_to(comm, owner[joint], function[joint]) - blocks[comm.rank]] = True
     cut = np.flatnonzero(rows_at(comm, touched, function))
     part = np.zeros(len(function), dtype=np.int64)
     part[cut] = _parts(matrix, size, node[cut], function[cut])
     first, functions = _numbered(comm, blocks, touched, function, part)
-    entries = _renumbered(starts, entries, size, wide, ends, function, first + part)
-    sizes = ((rows, every), (int(functions.sum()) * wide, None))
+    entries = _renumbered(starts, entries, size, width, ends, function, first + part)
+    sizes = ((rows, total_rows), (int(functions.sum()) * width, None))
     cut_matrix = PETSc.Mat().createAIJ(sizes, csr=(starts, entries, values), comm=matrix.comm)
-    cut_matrix.setBlockSizes(size, wide)
+    cut_matrix.setBlockSizes(size, width)
     return cut_matrix, functions
 
 
@@ -162,37 +162,37 @@ def _renumbered(
     starts: NDArray[Any],
     entries: NDArray[Any],
     size: int,
-    wide: int,
+    width: int,
     ends: Ints,
     function: Ints,
     number: Ints,
 ) -> NDArray[Any]:  # pragma: no cover
-    """Return the columns of the entries for new numbers of their functions, in the same order."""
+    """Return the columns of the entries after renumbering the functions, in the same order."""
     renumbered = np.empty_like(entries)
     for row in range(len(starts) - 1):
         p = ends[row // size]
         for k in range(starts[row], starts[row + 1]):
-            while function[p] < entries[k] // wide:
+            while function[p] < entries[k] // width:
                 p += 1
-            renumbered[k] = number[p] * wide + entries[k] % wide
+            renumbered[k] = number[p] * width + entries[k] % width
     return renumbered
 
 
 def _numbered(
     comm: Any, blocks: Ints, touched: NDArray[np.bool_], function: Ints, part: Ints
 ) -> tuple[Ints, Ints]:
-    """Return the number of the first local part of each pair's function, and own parts.
+    """Return the first local part of each pair's function, and the rank's part counts (collective).
 
-    Own parts are the numbers of parts of this rank's functions. The parts of a function follow each
-    other in the order of the ranks, on the rank that owns it. A function that is not cut has a
-    single part for all ranks (collective).
+    The part counts are the numbers of parts of the functions that this rank owns. The parts of a
+    function are numbered on its owner, in the order of the ranks. A function that is not cut has a
+    single part for all ranks.
     """
-    own, place = np.unique(function, return_inverse=True)
-    most = np.zeros(len(own), dtype=np.int64)
-    np.maximum.at(most, place, part + 1)
-    owner = rank_of(blocks, own)
+    local_functions, place = np.unique(function, return_inverse=True)
+    part_counts = np.zeros(len(local_functions), dtype=np.int64)
+    np.maximum.at(part_counts, place, part + 1)
+    owner = rank_of(blocks, local_functions)
     ends = np.searchsorted(owner, np.arange(1, comm.size))
-    requests = comm.alltoall(np.split(np.stack([own, most], axis=1), ends))
+    requests = comm.alltoall(np.split(np.stack([local_functions, part_counts], axis=1), ends))
     functions = np.ones(len(touched), dtype=np.int64)
     functions[touched] = 0
     before = []
@@ -210,7 +210,7 @@ def _numbered(
 
 
 def _is_tied(ties: PETSc.Mat) -> NDArray[np.bool_]:
-    """Return, for each local node, whether other nodes are tied to it (collective)."""
+    """Return True for each local node that is tied to other nodes (collective)."""
     tied, nodes = ties.createVecs()
     nodes.set(1.0)
     ties.multTranspose(nodes, tied)
@@ -222,9 +222,9 @@ def _is_tied(ties: PETSc.Mat) -> NDArray[np.bool_]:
 
 
 def _parts(matrix: PETSc.Mat, size: int, node: Ints, function: Ints) -> Ints:
-    """Return the part of its function to which each pair of a local node and a function belongs.
+    """Return the number of the part to which each pair (local node, function) belongs.
 
-    The pairs are sorted by nodes, then by functions.
+    The pairs are sorted by nodes, then by functions; parts are numbered within a function.
     """
     starts, columns = matrix.getDiagonalBlock().getRowIJ()[:2]
     rows = matrix.getLocalSize()[0] // size
@@ -241,7 +241,7 @@ def _parts(matrix: PETSc.Mat, size: int, node: Ints, function: Ints) -> Ints:
 
 @njit(cache=True)
 def _roots(starts: Any, neighbours: Any, ends: Ints, function: Ints) -> Ints:  # pragma: no cover
-    """Return the first pair connected with each pair by its function and entries of the matrix."""
+    """Return, for each pair, the first pair of the same function that the matrix connects to it."""
     root = np.arange(len(function))
     for i in range(len(ends) - 1):
         if ends[i] == ends[i + 1]:
@@ -273,7 +273,7 @@ def _roots(starts: Any, neighbours: Any, ends: Ints, function: Ints) -> Ints:  #
 
 
 def _regularise(matrix: PETSc.Mat, size: int, parts: Ints) -> None:
-    """Increase the diagonal of functions that were cut by a small share (collective)."""
+    """Increase the diagonal of cut functions by a small share (collective)."""
     diagonal = matrix.getDiagonal()
     blocks = diagonal.getArray().reshape(-1, size)
     share = np.where(parts > 1, limits.CUT_REGULARISATION, 0.0)

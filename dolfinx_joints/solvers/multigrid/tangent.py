@@ -1,11 +1,11 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Iterative solver of A + K: A is solved by multigrid, K is the changing tangent of the joints.
+"""Iterative solver of A + K: multigrid levels of A, with the changing tangent K of the joints.
 
-The part of the tangent, P^T K P, is added to each of the `cut_levels`. It is small: only nodes of
-the joints have entries. Smoothers treat the nodes that joints tie as blocks. Levels and smoothers
-use a symmetric K, without the effect of normal gaps on shear tractions. In their corrections this
-effect would grow with the stiffness, in the products of GMRES it does not.
+P^T K P is added to each of the `cut_levels` with prolongation P. It has few entries, only at joint
+nodes. Smoothers treat nodes that joints tie as blocks. Levels and smoothers use a symmetric K,
+without the effect of normal gaps on shear tractions. In coarse corrections this effect would grow
+with the joint stiffness; in the products of GMRES the effect is included and does not grow.
 """
 
 from __future__ import annotations
@@ -54,12 +54,12 @@ class _Parts:
 class _Products:
     """Products with A + K and with a modal change, as a PETSc matrix of type python.
 
-    It keeps only a weak reference to the parts. On several ranks PETSc frees it in its garbage
-    collection. A matrix that it owned and that became garbage meanwhile would never be freed.
+    This object keeps only a weak reference to the parts. On several ranks PETSc frees the object in
+    its garbage collection; a matrix that becomes garbage during this collection is never freed.
     """
 
     def __init__(self, parts: _Parts) -> None:
-        """Refer to the parts, which the caller keeps."""
+        """Store a weak reference to the parts, which the caller keeps."""
         self._parts = weakref.ref(parts)
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
@@ -80,13 +80,13 @@ def _is_stiff(added: PETSc.Mat, matrix: PETSc.Mat) -> bool:
 
 
 class TangentMultigrid:
-    """GMRES for A + K with the multigrid levels of A, each with its part of K.
+    """GMRES for A + K, preconditioned by the multigrid levels of A with P^T K P on each level.
 
     Args:
         bulk: Solver of A.
-        added: K, by its pattern.
+        added: K; only the sparsity pattern is used.
         product: Object that assembles K.
-        change: Change of A by exact modes; the coarse levels omit it.
+        change: Change of A by exact modes, which the coarse levels omit.
 
     Attributes:
         iterations: Iterations of the last solve.
@@ -125,7 +125,7 @@ class TangentMultigrid:
             added = self._levels[-1].added
 
     def add(self, added: PETSc.Mat, symmetric: PETSc.Mat) -> None:
-        """Update products and levels for new values of K and of a symmetric K (collective)."""
+        """Update products for a new K, and levels for a new symmetric K (collective)."""
         for parts, products, tangent in zip(
             self._parts, (self._full, self._fine), (added, symmetric), strict=True
         ):
@@ -173,11 +173,11 @@ class TangentMultigrid:
 
 
 class _Level:
-    """Coarse level: the constant matrix P^T A P, and P^T K P.
+    """Coarse level with the constant matrix P^T A P and the changing matrix P^T K P.
 
     Attributes:
         added: P^T K P.
-        total: Sum of both.
+        total: P^T A P + P^T K P.
     """
 
     def __init__(self, level: CutLevel, finer: PETSc.Mat, joints: JointTangent | None) -> None:

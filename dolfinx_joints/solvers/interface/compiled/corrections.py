@@ -1,16 +1,16 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Newton's corrections of the joint forces, (I + T S) d = r, on the smaller of two sets.
+"""Newton's corrections d of the joint forces, (I + T S) d = r (24), on the smaller of two sets.
 
-S is the compliance less its diagonal. T is the tangent, a block of 3 x 3 per point.
+S is the scaled compliance less the identity, T the scaled tangent with a 3 x 3 block per point.
 
-- *Active*: T is zero at open points. If few points are closed, solve for those alone.
-- *Complement*: T is the diagonal T0 at sticking points. If few points are open or slide, solve for
-  those alone by W = S (I + T0 S)^-1, which is computed once. With T = T0 + E,
+- *Active*: T is zero at open points. If few points are closed, solve only for the closed points.
+- *Complement*: T is the diagonal T0 at sticking points. If few points are open or slide, solve only
+  for these points with W = S (I + T0 S)^-1, which is computed once. With T = T0 + E (25),
 
       q = r - E y,   (I + W E) y = W r,   d = q - T0 W q,   S d = W q.
 
-Both systems are solved by GMRES; they are close to the identity however stiff the joints are.
+GMRES solves both systems, which are close to the identity at any joint stiffness.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from dolfinx_joints.solvers.interface.compiled.products import (
     multiply,
     multiply_part,
 )
-from dolfinx_joints.solvers.interface.compiled.ranks import each_of_ranks, largest_of, sum_over
+from dolfinx_joints.solvers.interface.compiled.ranks import allgather_values, largest_of, sum_over
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -47,7 +47,7 @@ class Memory(NamedTuple):
         complement: W, in the same form as S inside corrections.
         may_have_complement: True if W can be computed.
         stuck: T0, shape (m,), empty if W cannot be computed.
-        avoidable: Number of entries read so far that W would have saved, shape (1,).
+        avoidable: Number of entries whose reading W would have saved so far, shape (1,).
         finest: Finest tolerance of the systems.
         space: Work arrays of GMRES.
         vectors: d and S d, in the rows `STEP` and `COUPLED`, and four work vectors, shape (6, m).
@@ -67,8 +67,7 @@ class Memory(NamedTuple):
     numbers: Ints
 
 
-# Rows of the vectors above: d, S d, and r without its small entries. The rows from FREE on are work
-# vectors.
+# Rows of `Memory.vectors`: d, S d, and r without small entries. Rows from FREE on are work vectors.
 STEP, COUPLED, RESIDUAL, FREE = 0, 1, 2, 3
 
 
@@ -77,35 +76,35 @@ def correct(
     inner: Any,
     residual: Floats,
     tangent: Floats,
-    least: float,
+    smallest: float,
     tolerance: float,
     couples: bool,
     memory: Memory,
 ) -> None:
-    """Write d, and S d to the accuracy of ``inner``, to the memory (collective).
+    """Write d, and S d with the accuracy of ``inner``, to the memory (collective).
 
     Args:
-        inner: S in single precision or less accurate.
+        inner: S in single precision or compressed.
         residual: r, shape (m,).
         tangent: T, shape (points, 3, 3).
-        least: Entries of r up to this size are treated as zero.
+        smallest: Entries of r up to this size are treated as zero.
         tolerance: Largest residual of the correction, relative to r.
-        couples: True if S d is wanted.
+        couples: True if S d is needed.
         memory: Data and work arrays.
     """
-    load, stuck, numbers, loaded = memory.vectors[RESIDUAL], memory.stuck, memory.numbers, 0
+    load, stuck, numbers, nonzero = memory.vectors[RESIDUAL], memory.stuck, memory.numbers, 0
     for k in range(len(load)):
-        load[k] = residual[k] if abs(residual[k]) > least else 0.0
-        loaded += load[k] != 0.0
+        load[k] = residual[k] if abs(residual[k]) > smallest else 0.0
+        nonzero += load[k] != 0.0
     tolerance = max(tolerance, memory.finest)
     active = _differing(tangent, stuck, False, numbers[0])
     if memory.may_have_complement:
         changed = _differing(tangent, stuck, True, numbers[1])
-        mine = np.array([float(active), float(changed), float(loaded)])
-        every = each_of_ranks(inner.ranks, mine)
-        actives, changes = int(every[:, 0].sum()), int(every[:, 1].sum())
+        counts = np.array([float(active), float(changed), float(nonzero)])
+        by_rank = allgather_values(inner.ranks, counts)
+        actives, changes = int(by_rank[:, 0].sum()), int(by_rank[:, 1].sum())
         first = _cost_of_system(inner, actives) + cost(inner, 3 * actives)
-        second = cost(inner, int(every[:, 2].sum())) + cost(inner, 3 * changes)
+        second = cost(inner, int(by_rank[:, 2].sum())) + cost(inner, 3 * changes)
         second += _cost_of_system(inner, changes)
         if second < first:
             if memory.has_complement:
@@ -119,13 +118,13 @@ def correct(
 
 @part
 def _cost_of_system(inner: Any, points: int) -> float:
-    """Return the number of entries that GMRES reads for a system of so many points."""
+    """Return the number of entries that GMRES reads for a system of ``points`` points."""
     return limits.TYPICAL_PRODUCTS * min(9.0 * float(points) ** 2, cost(inner, 3 * points))
 
 
 @part
 def _differing(tangent: Floats, stuck: Floats, from_stuck: bool, numbers: Ints) -> int:
-    """Write the numbers of points whose block is not zero, or not T0; return their count."""
+    """Write the numbers of points with T not zero, or not T0; return the number of points."""
     count = 0
     for i in range(len(tangent)):
         differs, same = False, limits.SAME_TANGENT if from_stuck else 0.0
@@ -161,9 +160,9 @@ def _scatter_points(points: Ints, part: Floats, values: Floats) -> None:
 def _correct_active(
     inner: Any, tangent: Floats, tolerance: float, couples: bool, memory: Memory
 ) -> None:
-    """Solve the system of the active points; other corrections are residuals (collective)."""
+    """Solve for the active points; at other points the correction is the residual (collective)."""
     kept, space, vectors = memory.active, memory.space, memory.vectors
-    step, coupled, residual, every = vectors[STEP], vectors[COUPLED], vectors[RESIDUAL], vectors[3]
+    step, coupled, residual, work = vectors[STEP], vectors[COUPLED], vectors[RESIDUAL], vectors[3]
     points, size, others = kept.points, 3 * kept.number[0], 0.0
     right_hand_side, solution, coupled_others = vectors[4, :size], vectors[5, :size], vectors[4]
     for k in range(len(step)):
@@ -178,8 +177,8 @@ def _correct_active(
     others = largest_of(inner.ranks, others)
     if others > 0.0:
         multiply(inner, step, coupled_others)
-        _gather_points(points, coupled_others, every[:size])
-        apply_blocks(space.blocks, every[:size], solution)
+        _gather_points(points, coupled_others, work[:size])
+        apply_blocks(space.blocks, work[:size], solution)
     _gather_points(points, residual, right_hand_side)
     for k in range(size):
         right_hand_side[k] -= solution[k] if others > 0.0 else 0.0
@@ -203,9 +202,9 @@ def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> None:
     coupled_residual, scattered = vectors[3], vectors[4]
     points, size = kept.points, 3 * kept.number[0]
     right_hand_side, solution = vectors[4, :size], vectors[5, :size]
-    # If only points of the set have a residual, its part of W gives the right-hand side.
-    among = largest_of(complement.ranks, _outside(points[: kept.number[0]], residual)) == 0.0
-    if among:
+    # If only points of the set have a residual, the part of W of the set gives W r.
+    inside = largest_of(complement.ranks, _outside(points[: kept.number[0]], residual)) == 0.0
+    if inside:
         _gather_points(points, residual, solution)
         space.vectors[0, :size] = solution
         multiply_part(complement, kept, space.vectors[0, :size], space.vectors[1, :size])
@@ -228,7 +227,7 @@ def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> None:
     _scatter_points(points, solution, scattered)
     for k in range(len(step)):
         step[k] = residual[k] - scattered[k]
-    if among:
+    if inside:
         multiply(complement, step, coupled)
     else:
         multiply(complement, scattered, coupled)
@@ -240,7 +239,7 @@ def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> None:
 
 @part
 def _outside(points: Ints, values: Floats) -> float:
-    """Return 1.0 if a point other than the given sorted ones has a value, else 0.0."""
+    """Return 1.0 if a point outside the sorted ``points`` has a nonzero value, else 0.0."""
     place = 0
     for i in range(len(values) // 3):
         if place < len(points) and points[place] == i:

@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""GMRES for (I + T P) x = b with a stored part P of S, in single precision (Saad and Schultz 1986).
+"""GMRES for (I + T P) x = b with a stored part P of S or W, in single precision.
 
-Newton's method corrects the error of single precision. Vectors are relative to the right-hand side.
-The matrix is close to the identity. Before a new direction is made orthogonal, the last diagonal
-entry of the Hessenberg matrix is subtracted from the matrix, so that little cancels.
+Algorithm of Saad and Schultz (1986); Newton's method corrects the error of single precision.
+Vectors are divided by the norm of b. A = I + T P is close to the identity. To avoid cancellation, a
+new direction is computed with A less a shift, the last diagonal entry of the Hessenberg matrix.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ RESIDUAL, COLUMN, COSINE, SINE, SHIFT = -1, -2, -3, -4, -5
 
 
 class Space(NamedTuple):
-    """Work arrays for a Krylov space of a number of products, and for vectors of a set.
+    """Work arrays for a Krylov space, and for vectors of a set of points.
 
     Attributes:
         basis: Basis of the space, shape (products + 1, m).
-        small: R of the Hessenberg matrix, then the projected residual, a column of the Hessenberg
-            matrix, the cosines and sines of its rotations and its diagonal; shape (products + 1,
-            products + 5).
-        sums: Dot products of a direction with the others, shape (products + 2,).
+        small: Triangle R of the rotated Hessenberg matrix; then, as columns, its diagonal, the
+            sines and cosines of the rotations, the present column and the projected residual;
+            shape (products + 1, products + 5).
+        sums: Dot products of a direction with the other directions, shape (products + 2,).
         blocks: Blocks of the points of a set, shape (points, 3, 3).
         vectors: Vectors of the length of a set, shape (2, m).
     """
@@ -48,7 +48,7 @@ class Space(NamedTuple):
 
 
 def space_of(size: int, products: int) -> Space:
-    """Return work arrays for m unknowns of the rank."""
+    """Return work arrays for the rank's number of unknowns and a number of products."""
     return Space(
         np.empty((products + 1, size), dtype=np.float32),
         np.zeros((products + 1, products + 5)),
@@ -75,7 +75,7 @@ def gmres(
         right_hand_side: b, shape (3 number,).
         tolerance: Largest residual accepted, relative to b in the 2-norm.
         space: T, as ``blocks``, and work arrays; their length limits the number of products.
-        solution: x, overwritten.
+        solution: Output x, shape (3 number,).
     """
     size, small, ranks, shift = len(right_hand_side), space.small, split.ranks, 0.0
     product = space.vectors[0, :size]
@@ -89,9 +89,9 @@ def gmres(
             old, new = space.basis[count, :size], space.basis[count + 1, :size]
             multiply_part(split, kept, old, product)
             apply_blocks(space.blocks, product, new)
-            off = np.float32(shift)
+            factor = np.float32(shift)
             for k in range(size):
-                new[k] += old[k] - off * old[k]
+                new[k] += old[k] - factor * old[k]
             ended, count = _orthogonalise(space, size, count, shift, ranks), count + 1
             shift = small[count - 1, SHIFT]
             if ended or abs(small[count, RESIDUAL]) <= tolerance:
@@ -104,7 +104,7 @@ def gmres(
 
 @njit(fastmath=SUMS, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def dot(a: NDArray[Any], b: NDArray[Any]) -> Any:
-    """Return a . b, summed in any order, in the precision of both."""
+    """Return a . b, summed in any order, in the precision of a and b."""
     total = a.dtype.type(0.0)
     for k in range(len(a)):
         total += a[k] * b[k]
@@ -130,15 +130,15 @@ def _dot_products(space: Space, size: int, j: int, ranks: Ranks) -> None:
 
 @part
 def _subtract_projections(space: Space, size: int, j: int) -> float:
-    """Subtract the projections from direction j + 1; return its new square, by Pythagoras."""
+    """Subtract the projections from direction j + 1; return its squared norm by Pythagoras."""
     new, products = space.basis[j + 1, :size], space.sums
     square = products[j + 1]
     for i in range(j + 1):
-        old, along = space.basis[i, :size], np.float32(products[i])
+        old, factor = space.basis[i, :size], np.float32(products[i])
         space.small[i, COLUMN] += products[i]
         square -= products[i] * products[i]
         for k in range(size):
-            new[k] -= along * old[k]
+            new[k] -= factor * old[k]
     return square
 
 
@@ -146,7 +146,7 @@ def _subtract_projections(space: Space, size: int, j: int) -> float:
 def _orthogonalise(space: Space, size: int, j: int, shift: float, ranks: Ranks) -> bool:
     """Make direction j + 1 orthogonal, and rotate its column of the Hessenberg matrix (collective).
 
-    Return True if the direction is the last one. Directions are those of A - shift, see the module.
+    Return True if the direction is the last one. Directions belong to A - shift, see the module.
     """
     new, small = space.basis[j + 1, :size], space.small
     for i in range(j + 2):
@@ -182,7 +182,7 @@ def _orthogonalise(space: Space, size: int, j: int, shift: float, ranks: Ranks) 
 
 @part
 def _combine(space: Space, count: int, solution: Singles) -> None:
-    """Write the solution in the space built so far."""
+    """Write the solution in the present Krylov space."""
     small, size = space.small, len(solution)
     for k in range(size):
         solution[k] = np.float32(0.0)

@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Products with S, the compliance less its diagonal, and with stored parts in single precision.
+"""Products with S, the scaled compliance less the identity, and with stored parts of S.
 
-S is `Dense` or `LowRank`; a compiled function is specialised for one of them. Vectors have the m
-unknowns of the rank; all ranks together have M.
+S is `Dense` or `LowRank`; compiled functions are specialised for each type. Stored parts are in
+single precision. Vectors have the m unknowns of the rank; all ranks together have M unknowns.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from dolfinx_joints.solvers.compliance.row_matrix import add_rows, multiply_lowe
 from dolfinx_joints.solvers.interface.compiled.ranks import (
     Lengths,
     Ranks,
-    concatenated,
-    each_of_ranks,
+    allgather_parts,
+    allgather_values,
     exchange,
     lengths_of,
 )
@@ -42,12 +42,12 @@ class Dense(NamedTuple):
 
     Attributes:
         ranks: The ranks.
-        columns: Columns of the rank's rows, one after the other, shape (M, m).
-        by_half: True if products read half of S: it is symmetric, on one rank.
+        columns: Columns of the rank's rows, one per array row, shape (M, m).
+        by_half: True if products read only half of S, which is symmetric and on one rank.
         work: Work array for a vector and a product, shape (2, m), of the type of the columns.
         nonzero: Work array for numbers of unknowns, shape (M,).
         lengths: Lengths of the ranks' vectors.
-        every: Work array for a vector of all ranks, shape (M,), if there are several.
+        gathered: Work array for a vector of all ranks, shape (M,), empty on one rank.
     """
 
     ranks: Ranks
@@ -56,27 +56,27 @@ class Dense(NamedTuple):
     work: NDArray[Any]
     nonzero: Ints
     lengths: Lengths
-    every: Floats
+    gathered: Floats
 
 
 class LowRank(NamedTuple):
-    """S in the blocks of a `LowRankMatrix`, which include its unit diagonal.
+    """S in the blocks of a `LowRankMatrix`, which store I + S.
 
     Attributes:
         ranks: The ranks.
-        blocks: Table of the blocks of the rank's points among themselves.
-        data: Entries of these blocks.
+        blocks: Table of the blocks between points of this rank.
+        data: Entries of the blocks between points of this rank.
         table: Table of the blocks with points of other ranks, as in `LowRankMatrix`.
-        shares: Entries that the rank has of those blocks.
+        shares: Entries that this rank stores for the blocks with points of other ranks.
         lengths: Lengths of the values exchanged with each other rank.
-        passing: Work array for these values, shape (2, n).
+        passing: Work array for the exchanged values, shape (2, n).
         order: Unknowns in the order of the blocks, shape (m,).
-        rows: Position of each unknown in that order, shape (m,).
-        live: Whether an unknown can move, shape (m,).
+        rows: Position of each unknown in ``order``, shape (m,).
+        live: True for each unknown that can move, shape (m,).
         work: Work array for a vector and a product, shape (2, m), of the type of the entries.
         entries: Number of entries of all ranks.
-        whole: Columns of S as in `Dense`, for small sets, which read less of them than the blocks
-            have; shape (M, m) or (0, 0).
+        whole: Columns of S as in `Dense`, for sets that are so small that their columns have fewer
+            entries than the blocks; shape (M, m) or (0, 0).
     """
 
     ranks: Ranks
@@ -95,57 +95,57 @@ class LowRank(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """Set of points with its part of S, kept as long as it contains the required points.
+    """Set of points with its part of S, reused as long as the set contains the required points.
 
     Attributes:
         points: Local numbers of the rank's points, sorted, in the first entries, shape (points,).
-        number: Numbers of the rank's points (-1 before the first set) and of all, shape (2,).
-        lengths: Lengths of the ranks' vectors over the set, in single precision.
-        every: Work array for such a vector of all ranks, shape (M,), empty if not needed.
+        number: Count of the rank's points (-1 before the first set) and of all points, shape (2,).
+        lengths: Lengths of the ranks' single-precision vectors of the set.
+        gathered: Work array for a vector of the set on all ranks, shape (M,), empty if not needed.
         numbers: Global numbers of all points of the set, shape (M / 3,), empty if not needed.
-        part: Columns of the set, for the rank's rows in it, in the first entries. For a `LowRank` S
-            only if they are no more than the entries of S.
+        part: Columns of the set in the rank's rows of the set, in the first entries. With a
+            `LowRank` S only if they are no more than the entries of S.
     """
 
     points: Ints
     number: Ints
     lengths: Lengths
-    every: Singles
+    gathered: Singles
     numbers: Ints
     part: Singles
 
 
-def kept_of(points: int, every: int, split: Dense | LowRank) -> Kept:
-    """Return an empty set with room for so many points of the rank, and of all ranks."""
-    most, ranks = every, split.ranks.size
+def kept_of(points: int, all_points: int, split: Dense | LowRank) -> Kept:
+    """Return an empty set for at most ``points`` points of the rank and ``all_points`` of all."""
+    largest, ranks = all_points, split.ranks.size
     if isinstance(split, LowRank):
-        most = min(every, int(np.sqrt(split.entries) / 3.0)) if len(split.whole) else 0
-    several = every if ranks > 1 and most > 0 else 0
+        largest = min(all_points, int(np.sqrt(split.entries) / 3.0)) if len(split.whole) else 0
+    several = all_points if ranks > 1 and largest > 0 else 0
     return Kept(
         np.zeros(points, dtype=np.int64),
         np.array([-1, 0]),
         lengths_of(np.zeros(ranks)),
         np.empty(3 * several, dtype=np.float32),
         np.empty(several, dtype=np.int64),
-        np.empty(9 * most * min(points, most), dtype=np.float32),
+        np.empty(9 * largest * min(points, largest), dtype=np.float32),
     )
 
 
 def _dense_product(split: Dense, values: Floats, out: Floats) -> None:
-    every = concatenated(split.ranks, values, split.lengths, split.every)
+    vector = allgather_parts(split.ranks, values, split.lengths, split.gathered)
     count, product = 0, split.work[1]
-    for k in range(len(every)):
-        if every[k] != 0.0:
+    for k in range(len(vector)):
+        if vector[k] != 0.0:
             split.nonzero[count] = k
             count += 1
-    if split.by_half and count > limits.NONZERO_SHARE * len(every):
+    if split.by_half and count > limits.NONZERO_SHARE * len(vector):
         for k in range(len(values)):
             split.work[0, k] = values[k]
         multiply_lower(split.columns, split.work[0], product)
     else:
         for k in range(len(product)):
             product[k] = 0.0
-        add_rows(split.columns, split.nonzero[:count], every, product)
+        add_rows(split.columns, split.nonzero[:count], vector, product)
     for k in range(len(product)):
         out[k] = product[k]
 
@@ -154,8 +154,8 @@ def _dense_product(split: Dense, values: Floats, out: Floats) -> None:
 def _multiply_blocks(split: LowRank) -> None:
     """Multiply the matrix with the first row of ``work``; write to the second row (collective).
 
-    Dense blocks with other ranks are read once: receive their vectors, multiply, and send the
-    products back.
+    Dense blocks with other ranks are read once: receive the other ranks' vectors, multiply, and
+    send the products back.
     """
     x, y = split.work[0], split.work[1]
     for k in range(len(y)):
@@ -201,7 +201,7 @@ def _low_rank_cost(split: LowRank, unknowns: int) -> float:
 
 
 def cost(split: Any, unknowns: int) -> float:
-    """Return the number of entries that a product reads for so many nonzero values (all ranks)."""
+    """Return the number of entries that a product with ``unknowns`` nonzero values reads."""
     return (_dense_cost if isinstance(split, Dense) else _low_rank_cost)(split, unknowns)
 
 
@@ -237,13 +237,13 @@ def _part_is_stored(split: LowRank, kept: Kept) -> bool:
 
 @part
 def _copy_part(matrix: NDArray[Any], kept: Kept, ranks: Ranks, by_half: bool) -> None:
-    """Copy the columns of the set's points for the rank's rows; if ``by_half`` the lower half."""
+    """Copy the set's columns for the rank's rows, only the lower half if ``by_half`` is True."""
     count, points = kept.number[0], kept.points
-    every = kept.points if ranks.size == 1 else kept.numbers
+    all_points = kept.points if ranks.size == 1 else kept.numbers
     columns = kept.part[: 9 * kept.number[1] * count].reshape(3 * kept.number[1], 3 * count)
     for i in range(kept.number[1]):
         for a in range(3):
-            line, out = matrix[3 * every[i] + a], columns[3 * i + a]
+            line, out = matrix[3 * all_points[i] + a], columns[3 * i + a]
             for j in range(i + 1 if by_half else count):
                 for b in range(3):
                     out[3 * j + b] = line[3 * points[j] + b]
@@ -260,10 +260,10 @@ def _(split: Any, kept: Any) -> Any:
 
 @part
 def keep(split: Any, kept: Kept, wanted: Ints, count: int) -> None:
-    """Store the parts of S of a set that contains the wanted points, which are sorted (collective).
+    """Store the part of S of a set that contains the sorted ``wanted`` points (collective).
 
-    A set that contains them is kept. Otherwise they are added to it, or replace it if it grows too
-    large.
+    A set that contains these points is kept. Otherwise the points are added to the set, or replace
+    it if the set would become too large.
     """
     points, last_count, both, place = kept.points, kept.number[0], 0, 0
     for k in range(count):
@@ -272,9 +272,9 @@ def keep(split: Any, kept: Kept, wanted: Ints, count: int) -> None:
         both += place < last_count and points[place] == wanted[k]
     union = last_count + count - both
     if last_count >= 0:
-        mine = np.array([float(last_count), float(count), float(both)])
-        every = each_of_ranks(split.ranks, mine)
-        last_counts, counts, boths = every[:, 0].sum(), every[:, 1].sum(), every[:, 2].sum()
+        local_counts = np.array([float(last_count), float(count), float(both)])
+        by_rank = allgather_values(split.ranks, local_counts)
+        last_counts, counts, boths = by_rank[:, 0].sum(), by_rank[:, 1].sum(), by_rank[:, 2].sum()
         if boths == counts and last_counts <= limits.SET_EXCESS * counts + limits.SET_SPARE:
             return
         if last_counts + counts - boths > limits.SET_EXCESS * counts + limits.SET_SPARE:
@@ -294,7 +294,7 @@ def keep(split: Any, kept: Kept, wanted: Ints, count: int) -> None:
 
 @njit(cache=True)
 def store(split: Any, kept: Kept, points: Ints, count: int) -> None:
-    """Store the parts of S of these points (collective)."""
+    """Store the part of S of the given points (collective)."""
     kept.number[0], kept.number[1] = count, count
     for k in range(count):
         kept.points[k] = points[k]
@@ -307,16 +307,16 @@ def store(split: Any, kept: Kept, points: Ints, count: int) -> None:
 def _gather_numbers(split: Any, kept: Kept, count: int) -> None:
     """Gather the numbers of the set's points on all ranks (collective)."""
     ranks = split.ranks
-    every = each_of_ranks(ranks, np.array([float(count), float(len(kept.points))]))
+    by_rank = allgather_values(ranks, np.array([float(count), float(len(kept.points))]))
     counts, starts, total, before = kept.lengths.counts, kept.lengths.starts, 0, 0
     for r in range(ranks.size):
-        counts[r], starts[r] = np.int32(8 * every[r, 0]), np.int32(8 * total)
-        before += int(every[r, 1]) if r < ranks.rank else 0
-        total += int(every[r, 0])
+        counts[r], starts[r] = np.int32(8 * by_rank[r, 0]), np.int32(8 * total)
+        before += int(by_rank[r, 1]) if r < ranks.rank else 0
+        total += int(by_rank[r, 0])
     kept.number[1] = total
     if len(kept.numbers):
-        concatenated(ranks, kept.points[:count] + before, kept.lengths, kept.numbers)
-    for r in range(ranks.size):  # three numbers of 4 bytes, not one of 8
+        allgather_parts(ranks, kept.points[:count] + before, kept.lengths, kept.numbers)
+    for r in range(ranks.size):  # bytes of three float32 values instead of one int64 per point
         counts[r], starts[r] = counts[r] // 2 * 3, starts[r] // 2 * 3
 
 
@@ -325,14 +325,14 @@ def _multiply_stored(
     ranks: Ranks, kept: Kept, values: Singles, out: Singles, by_half: bool
 ) -> None:
     """Write the stored part of S times values to ``out`` (collective)."""
-    every = concatenated(ranks, values, kept.lengths, kept.every)[: 3 * kept.number[1]]
+    vector = allgather_parts(ranks, values, kept.lengths, kept.gathered)[: 3 * kept.number[1]]
     if len(values):
-        size = len(every) * len(values)
-        columns = kept.part[:size].reshape(len(every), len(values))
+        size = len(vector) * len(values)
+        columns = kept.part[:size].reshape(len(vector), len(values))
         if by_half:
             multiply_lower(columns, values, out)
         else:
-            np.dot(every, columns, out)
+            np.dot(vector, columns, out)
 
 
 def _dense_part(split: Dense, kept: Kept, values: Singles, out: Singles) -> None:

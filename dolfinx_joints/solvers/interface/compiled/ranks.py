@@ -1,8 +1,8 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Communication between ranks inside compiled loops, by MPI's own functions.
+"""Communication between ranks inside compiled loops, by functions of the MPI library.
 
-All ranks sum in the same order, so that decisions based on sums or maxima agree.
+All ranks sum in the same order, so that their decisions based on sums or maxima agree.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 
 def _mpi_function(name: str, arguments: str) -> Any:
-    """Return a function of mpi4py's MPI library; arguments: p pointer, i int, h handle."""
+    """Return a function of mpi4py's MPI library; ``arguments``: p pointer, i int, h handle."""
     library = ctypes.CDLL(MPI.__file__)
     address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
     binding.add_symbol(name, address)
@@ -69,9 +69,9 @@ class Lengths(NamedTuple):
 
 
 def ranks_of(comm: Any) -> Ranks:
-    """Return the ranks of an mpi4py communicator, which must exist as long as they are used."""
+    """Return the ranks of an mpi4py communicator, which must exist as long as the result."""
     buffer = np.empty((comm.size, limits.MOST_PRODUCTS + 1))
-    # An address or, with MPICH, a number of 32 bits, passed in the same register.
+    # The handle is an address or, with MPICH, a 32-bit number, passed in the same register.
     return Ranks(MPI._handleof(comm), MPI._handleof(MPI.BYTE), comm.rank, comm.size, buffer)
 
 
@@ -85,41 +85,41 @@ def lengths_of(counts: Any) -> Lengths:
 def _check(code: int) -> None:
     """Raise an error if a function of MPI returns an error code, as mpi4py does."""
     if code != 0:
-        raise JointsError("MPI has failed in the exchange between ranks in the joint iteration.")
+        raise JointsError("MPI failed in the exchange between ranks in the joint iteration.")
 
 
 @part
-def each_of_ranks(ranks: Ranks, mine: Floats) -> Floats:
-    """Return the values of all ranks, shape (ranks, n), until the next call (collective)."""
-    count = len(mine)
-    every = ranks.buffer.reshape(-1)[: ranks.size * count]
+def allgather_values(ranks: Ranks, values: Floats) -> Floats:
+    """Return the values of all ranks, shape (ranks, n), valid until the next call (collective)."""
+    count = len(values)
+    by_rank = ranks.buffer.reshape(-1)[: ranks.size * count]
     if ranks.size == 1:
-        every[:] = mine
+        by_rank[:] = values
     else:
         _check(
             _allgather(
-                mine.ctypes.data,
+                values.ctypes.data,
                 np.int32(8 * count),
                 ranks.byte,
-                every.ctypes.data,
+                by_rank.ctypes.data,
                 np.int32(8 * count),
                 ranks.byte,
                 ranks.comm,
             )
         )
-    return every.reshape((ranks.size, count))
+    return by_rank.reshape((ranks.size, count))
 
 
 @part
 def sum_over(ranks: Ranks, values: Floats) -> None:
-    """Replace values by their sums over the ranks, as many as fit the buffer (collective)."""
+    """Replace values by their sums over the ranks; the buffer limits their number (collective)."""
     if ranks.size == 1:
         return
-    every = each_of_ranks(ranks, values)
+    by_rank = allgather_values(ranks, values)
     for k in range(len(values)):
         values[k] = 0.0
         for r in range(ranks.size):
-            values[k] += every[r, k]
+            values[k] += by_rank[r, k]
 
 
 @part
@@ -127,39 +127,39 @@ def largest_of(ranks: Ranks, value: float) -> float:
     """Return the largest value of all ranks, NaN if one of them is NaN (collective)."""
     if ranks.size == 1:
         return value
-    mine = np.array([value])
-    every = each_of_ranks(ranks, mine)
+    values = np.array([value])
+    by_rank = allgather_values(ranks, values)
     for r in range(ranks.size):
-        if value == value and not every[r, 0] <= value:
-            value = every[r, 0]
+        if value == value and not by_rank[r, 0] <= value:
+            value = by_rank[r, 0]
     return value
 
 
 @part
-def concatenated(
-    ranks: Ranks, mine: NDArray[Any], lengths: Lengths, every: NDArray[Any]
+def allgather_parts(
+    ranks: Ranks, part: NDArray[Any], lengths: Lengths, gathered: NDArray[Any]
 ) -> NDArray[Any]:
-    """Return the parts of all ranks in ``every``, on one rank its own part (collective)."""
+    """Return the parts of all ranks, written to ``gathered``; on one rank ``part`` (collective)."""
     if ranks.size == 1:
-        return mine
+        return part
     _check(
         _allgatherv(
-            mine.ctypes.data,
+            part.ctypes.data,
             lengths.counts[ranks.rank],
             ranks.byte,
-            every.ctypes.data,
+            gathered.ctypes.data,
             lengths.counts.ctypes.data,
             lengths.starts.ctypes.data,
             ranks.byte,
             ranks.comm,
         )
     )
-    return every
+    return gathered
 
 
 @part
 def exchange(ranks: Ranks, sent: NDArray[Any], lengths: Lengths, received: NDArray[Any]) -> None:
-    """Send each rank its part of an array, and receive as much from it (collective)."""
+    """Send each rank its part of an array, and receive a part of equal length (collective)."""
     counts, starts = lengths.counts.ctypes.data, lengths.starts.ctypes.data
     _check(
         _alltoallv(

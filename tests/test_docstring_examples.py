@@ -14,9 +14,9 @@ import dolfinx_joints as dj
 NAMES = (
     "read_msh mesh_from_arrays split_mesh Elastic FrictionNoTension frictionless MohrCoulombJoint "
     "RigidJoint ViscousJoint KeyedJoint propose_stiffness stiffness_proportional rayleigh Fixed "
-    "Prescribed Spring Gravity Pressure HydrostaticPressure Uplift Body Joints Model modes Simulation "
-    "EnergyConsistent Newmark StepControl Motion synthetic_motion read_record Probe ResultsMonitor "
-    "FieldMonitor JointForces Checkpoints Results measures.joint_measures write_csv"
+    "Prescribed Spring Gravity Pressure HydrostaticPressure Uplift Body Joints Model modes "
+    "Simulation EnergyConsistent Newmark StepControl Motion synthetic_motion read_record Probe "
+    "ResultsMonitor FieldMonitor JointForces Checkpoints Results measures.joint_measures write_csv"
 )
 
 

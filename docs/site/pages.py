@@ -36,7 +36,6 @@ MENU = {
         "CONTRIBUTING.md",
         "CODE_OF_CONDUCT.md",
         "SECURITY.md",
-        "docs/release.md",
         "CHANGELOG.md",
     ],
 }

@@ -12,7 +12,7 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
-from dolfinx_joints.body.quadrature import law_degree, volume_measure
+from dolfinx_joints.body.quadrature import law_degree, matrix_measure
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.materials.bulk_law import BulkLaw, Material, elastic_part, is_plastic
 from dolfinx_joints.materials.elastic import Elastic
@@ -133,19 +133,19 @@ class ElasticBody:
         """Return the bilinear form of K; plastic cells use the points of their law."""
         density, shape = ufl.inner(self.stress(u), strain(v)), self._jointed.shape
         if not any(self._plastic.values()):
-            return density * volume_measure(shape)
+            return density * matrix_measure(shape)
         rule = law_degree(shape, u.ufl_function_space().ufl_element().degree)
         if "" in self._plastic:
             return density * ufl.dx(degree=rule)
         measures = (
-            dx(degree=rule) if plastic else volume_measure(shape, dx)
+            dx(degree=rule) if plastic else matrix_measure(shape, dx)
             for plastic, dx in ((p, self._jointed.dx(group)) for group, p in self._plastic.items())
         )
         return sum(density * measure for measure in measures)
 
     def mass_form(self, u: Any, v: Any) -> Any:
         """Return the bilinear form of M."""
-        return self.density * ufl.inner(u, v) * volume_measure(self._jointed.shape)
+        return self.density * ufl.inner(u, v) * matrix_measure(self._jointed.shape)
 
 
 def strain_vector(u: Any) -> Any:

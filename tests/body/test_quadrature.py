@@ -99,7 +99,7 @@ def test_frequencies_of_the_dam_are_those_of_degree_10(comm, tmp_path, monkeypat
 @pytest.mark.parametrize("name", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
 @pytest.mark.parametrize("degree", [1, 2])
 def test_other_cells_keep_the_estimate_of_ufl(name, degree):
-    measure = quadrature.volume_measure(CellShape(name=name, degree=degree))
+    measure = quadrature.matrix_measure(CellShape(name=name, degree=degree))
     curved = name == "hexahedron" and degree == 2
     assert measure.metadata() == ({"quadrature_degree": 7} if curved else {})
     assert (measure == ufl.dx) is not curved

@@ -24,7 +24,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
-from dolfinx_joints.body.quadrature import volume_measure
+from dolfinx_joints.body.quadrature import matrix_measure
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import raised_together
@@ -273,7 +273,7 @@ def _solve(
     components = given.shape[1]
     space = scalar_space(jointed, components)
     t, q = ufl.TrialFunction(space), ufl.TestFunction(space)
-    dx = volume_measure(jointed.shape)
+    dx = matrix_measure(jointed.shape)
     kappa = fem.Constant(jointed.mesh, float(diffusivity or 1.0))
     form = kappa * ufl.inner(ufl.grad(t), ufl.grad(q)) * dx
     share = fem.Constant(jointed.mesh, float(diffusivity or 1.0) / through.conductivity)

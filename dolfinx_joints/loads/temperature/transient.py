@@ -21,7 +21,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
-from dolfinx_joints.body.quadrature import volume_measure
+from dolfinx_joints.body.quadrature import matrix_measure
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import numbers_of, shown
 from dolfinx_joints.loads.temperature.fields import (
@@ -119,7 +119,7 @@ class _Stepper:
     ) -> None:
         """Assemble the matrices (collective)."""
         t, q = ufl.TrialFunction(space), ufl.TestFunction(space)
-        dx = volume_measure(jointed.shape)
+        dx = matrix_measure(jointed.shape)
         k, capacity = (fem.Constant(jointed.mesh, value) for value in material)
         conducts = k * ufl.inner(ufl.grad(t), ufl.grad(q)) * dx
         conducts += joint_term(jointed, *through, t, q)

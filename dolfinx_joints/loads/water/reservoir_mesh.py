@@ -15,7 +15,7 @@ from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary, meshtags
 from scipy.sparse import coo_array, csr_array
 
-from dolfinx_joints.body.quadrature import volume_measure
+from dolfinx_joints.body.quadrature import matrix_measure
 from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
@@ -151,7 +151,7 @@ class _Meshed:
         given, ds, surface = self._given, self._jointed.ds, self._surface()
         u, v = ufl.TrialFunction(self._space), ufl.TestFunction(self._space)
         n, rho, c = ufl.FacetNormal(self._jointed.mesh), given.density, given.sound_speed
-        dx = volume_measure(self._jointed.shape)
+        dx = matrix_measure(self._jointed.shape)
         mass = rho * u * v * dx + surface_inertia(rho, c) * u * v * surface
         zero = fem.Constant(self._jointed.mesh, 0.0)
         losses = zero * u * v * dx

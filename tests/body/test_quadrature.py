@@ -22,7 +22,7 @@ ROUNDING = 1e-12
 
 @pytest.fixture(scope="module")
 def ring(comm):
-    """A quarter of a thick ring: 4 x 4 cells, each curved by 22.5 degrees."""
+    """Return the model of a quarter of a thick ring: 4 x 4 cells, each curved by 22.5 degrees."""
     jointed = dj.mesh_from_arrays(comm, **quarter_ring("hexahedron", 4), joints=[])
     return dj.Model(jointed, material=SOLID)
 

@@ -37,11 +37,7 @@ def assembled_blocks(form: fem.Form, comm: Any) -> PETSc.Mat:
 
 
 def assembled_nonzeros(form: fem.Form, components: int) -> PETSc.Mat:
-    """Assemble a form without zeros off the diagonal: two thirds of M are zero (collective).
-
-    The matrix is on a communicator that outlives the mesh. ``components`` is the number of dofs per
-    node.
-    """
+    """Assemble a form without zeros off the diagonal, two thirds of M (collective)."""
     matrix = fem_petsc.create_matrix(form)
     matrix.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)
     fem_petsc.assemble_matrix(matrix, form)

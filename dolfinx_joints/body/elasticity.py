@@ -7,17 +7,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import basix
 import numpy as np
 import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
+from dolfinx_joints.body.quadrature import law_degree, matrix_measure
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.materials.bulk_law import BulkLaw, Material, elastic_part, is_plastic
 from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.materials.orthotropic import Orthotropic
-from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 # Positions of the 2-D strain components xx, yy, xy in xx, yy, zz, yz, xz, xy.
@@ -132,31 +131,21 @@ class ElasticBody:
 
     def stiffness_form(self, u: Any, v: Any) -> Any:
         """Return the bilinear form of K; plastic cells use the quadrature points of their law."""
-        density = ufl.inner(self.stress(u), strain(v))
+        density, shape = ufl.inner(self.stress(u), strain(v)), self._jointed.shape
         if not any(self._plastic.values()):
-            return density * ufl.dx
-        rule = law_degree(self._jointed.shape, u.ufl_function_space().ufl_element().degree)
+            return density * matrix_measure(shape)
+        rule = law_degree(shape, u.ufl_function_space().ufl_element().degree)
         if "" in self._plastic:
             return density * ufl.dx(degree=rule)
         measures = (
-            self._jointed.dx(group)(degree=rule) if plastic else self._jointed.dx(group)
-            for group, plastic in self._plastic.items()
+            dx(degree=rule) if plastic else matrix_measure(shape, dx)
+            for plastic, dx in ((p, self._jointed.dx(group)) for group, p in self._plastic.items())
         )
         return sum(density * measure for measure in measures)
 
     def mass_form(self, u: Any, v: Any) -> Any:
         """Return the bilinear form of M."""
-        return self.density * ufl.inner(u, v) * ufl.dx
-
-
-def law_degree(shape: CellShape, degree: int) -> int:
-    """Return the degree of the quadrature rule for plastic laws.
-
-    It is the lowest degree that integrates the stiffness of straight cells exactly; quadrilaterals
-    and hexahedra have ``degree`` + 1 points per axis for a displacement of this degree.
-    """
-    simplex = shape.type in (basix.CellType.triangle, basix.CellType.tetrahedron)
-    return 2 * (degree - 1) if simplex else 2 * degree + 1
+        return self.density * ufl.inner(u, v) * matrix_measure(self._jointed.shape)
 
 
 def strain_vector(u: Any) -> Any:

@@ -6,7 +6,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import dolfinx
 import numpy as np
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
@@ -21,6 +24,24 @@ def blocked(matrix: PETSc.Mat) -> PETSc.Mat:
     unsymmetric K.
     """
     return matrix.convert("baij")
+
+
+def assembled_blocks(form: fem.Form, comm: Any) -> PETSc.Mat:
+    """Assemble a form in blocks per node, on a communicator that outlives the mesh (collective)."""
+    pattern = dolfinx.cpp.fem.create_sparsity_pattern(form._cpp_object)
+    pattern.finalize()
+    matrix = dolfinx.cpp.la.petsc.create_matrix(lasting(comm), pattern, "baij")
+    fem_petsc.assemble_matrix(matrix, form)
+    matrix.assemble()
+    return matrix
+
+
+def assembled_nonzeros(form: fem.Form, components: int) -> PETSc.Mat:
+    """Assemble a form without zeros off the diagonal, two thirds of M (collective)."""
+    matrix = fem_petsc.create_matrix(form)
+    matrix.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)
+    fem_petsc.assemble_matrix(matrix, form)
+    return on_lasting_comm(matrix, components)
 
 
 def on_lasting_comm(assembled: PETSc.Mat, components: int) -> PETSc.Mat:
@@ -55,7 +76,7 @@ def rigid_modes(matrix: PETSc.Mat, nodes: NDArray[np.float64]) -> PETSc.NullSpac
 
 
 def without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:
-    """Remove off-diagonal zeros: two thirds of M, because M does not couple components."""
+    """Remove zeros off the diagonal, which added masses may contain."""
     starts, columns, values = matrix.getValuesCSR()
     rows = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     stays = (values != 0.0) | (columns == rows + matrix.getOwnershipRange()[0])

@@ -16,7 +16,8 @@ from dolfinx import fem
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.body.elasticity import IN_PLANE, law_degree, strain_vector
+from dolfinx_joints.body.elasticity import IN_PLANE, strain_vector
+from dolfinx_joints.body.quadrature import law_degree
 from dolfinx_joints.common.mpi import lasting
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh

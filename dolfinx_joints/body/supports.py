@@ -17,6 +17,7 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from dolfinx_joints.body.places import as_text, extent, nearest_nodes, nodes_of_facets
+from dolfinx_joints.body.quadrature import matrix_measure
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
@@ -173,7 +174,8 @@ class Spring:
         n = ufl.FacetNormal(jointed.mesh)
         normal = ufl.inner(u, n) * ufl.inner(v, n)
         tangential = ufl.inner(u, v) - normal
-        return (of_normal * normal + of_tangential * tangential) * jointed.ds(self.group)
+        ds = matrix_measure(jointed.shape, jointed.ds(self.group))
+        return (of_normal * normal + of_tangential * tangential) * ds
 
 
 def place_of(support: Fixed | Prescribed) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 import ufl
 
 from dolfinx_joints.body.elasticity import ElasticBody
+from dolfinx_joints.body.quadrature import matrix_measure
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
@@ -36,7 +37,8 @@ class ViscousBoundary:
 
     def form(self, jointed: JointedMesh, body: ElasticBody, u: Any, v: Any) -> Any:
         """Return the bilinear form of the dashpots."""
-        return ufl.inner(impedance(jointed, body, u), v) * jointed.ds(self.group)
+        ds = matrix_measure(jointed.shape, jointed.ds(self.group))
+        return ufl.inner(impedance(jointed, body, u), v) * ds
 
 
 def absorbing_groups(

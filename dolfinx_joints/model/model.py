@@ -180,12 +180,13 @@ class Model(Summarised):
         u, v = self._arguments
         springs = [s.form(self.jointed, u, v) for s in self.supports if isinstance(s, Spring)]
         extras = options.forms("extra_stiffness", u, v)
-        return matrices.blocked(self._matrix(self.body.stiffness_form(u, v), *extras, *springs))
+        form = self.jointed.form(sum([*extras, *springs], self.body.stiffness_form(u, v)))
+        return matrices.assembled_blocks(form, self.jointed.mesh.comm)
 
     def _masses(self) -> tuple[PETSc.Mat, PETSc.Mat]:
         """Return M of the body, and M with the extra form and the added masses."""
         form = self.body.mass_form(*self._arguments)
-        self.mass = body = matrices.without_zeros(self._matrix(form))
+        self.mass = body = self._matrix(form)
         extras = self._options.forms("extra_mass", *self._arguments)
         if not extras and not self.added_mass:
             return body, body
@@ -253,9 +254,9 @@ class Model(Summarised):
         return PlasticBulk(self.jointed, self.V, laws, self.stiffness, self.contact)
 
     def _matrix(self, *forms: Any) -> PETSc.Mat:
-        """Assemble the matrix of the sum of the forms."""
+        """Assemble the matrix of the sum of the forms, without zeros."""
         form = self.jointed.form(sum(forms[1:], forms[0]))
-        return matrices.on_lasting_comm(fem_petsc.assemble_matrix(form), self.gdim)
+        return matrices.assembled_nonzeros(form, self.gdim)
 
     def assemble(self, form: Any) -> PETSc.Vec:
         """Return the nodal forces of a linear form, [N] (collective)."""

@@ -10,7 +10,6 @@ from typing import Annotated, Literal
 
 import annotated_types as at
 import numpy as np
-from scipy.interpolate import RBFInterpolator
 
 from dolfinx_joints.common.arrays import Flags, Floats
 from dolfinx_joints.common.declared import checked
@@ -196,6 +195,8 @@ class DifferingMotion(Summarised):
         if self.positions is None:
             return np.ones((len(x), 1))
         if self.between == "places":
+            from scipy.interpolate import RBFInterpolator
+
             stations = self._places(self.positions)
             # Shares by distances, (12ae).
             return np.asarray(RBFInterpolator(stations, unit_rows, kernel="linear", degree=0)(x))

@@ -24,6 +24,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
+from dolfinx_joints.body.quadrature import matrix_measure
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import raised_together
@@ -272,12 +273,13 @@ def _solve(
     components = node_values.shape[1]
     space = scalar_space(jointed, components)
     t, q = ufl.TrialFunction(space), ufl.TestFunction(space)
+    dx = matrix_measure(jointed.shape)
     kappa = fem.Constant(jointed.mesh, float(diffusivity or 1.0))
-    form = kappa * ufl.inner(ufl.grad(t), ufl.grad(q)) * ufl.dx
+    form = kappa * ufl.inner(ufl.grad(t), ufl.grad(q)) * dx
     share = fem.Constant(jointed.mesh, float(diffusivity or 1.0) / through.conductivity)
     form += joint_term(jointed, through.joints, through.openings, share * t, q)
     if diffusivity is not None:
-        form += FREQUENCY * (t[1] * q[0] - t[0] * q[1]) * ufl.dx
+        form += FREQUENCY * (t[1] * q[0] - t[0] * q[1]) * dx
     matrix = fem_petsc.assemble_matrix(jointed.form(form))
     matrix.assemble()
     b, x = matrix.createVecLeft(), matrix.createVecRight()

@@ -21,6 +21,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
+from dolfinx_joints.body.quadrature import matrix_measure
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import numbers_of, shown
 from dolfinx_joints.loads.temperature.fields import (
@@ -118,11 +119,12 @@ class _Stepper:
     ) -> None:
         """Assemble the matrices (collective)."""
         t, q = ufl.TrialFunction(space), ufl.TestFunction(space)
+        dx = matrix_measure(jointed.shape)
         k, capacity = (fem.Constant(jointed.mesh, value) for value in material)
-        conducts = k * ufl.inner(ufl.grad(t), ufl.grad(q)) * ufl.dx
+        conducts = k * ufl.inner(ufl.grad(t), ufl.grad(q)) * dx
         conducts += joint_term(jointed, *through, t, q)
         self._stiff = fem_petsc.assemble_matrix(jointed.form(conducts))
-        self._mass = fem_petsc.assemble_matrix(fem.form(capacity * ufl.inner(t, q) * ufl.dx))
+        self._mass = fem_petsc.assemble_matrix(fem.form(capacity * ufl.inner(t, q) * dx))
         for matrix in (self._stiff, self._mass):
             matrix.assemble()
         self._b, self._x = self._stiff.createVecLeft(), self._stiff.createVecRight()

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
@@ -79,6 +78,8 @@ class FarField:
         part = time / h - number
         if part > ROUNDING:
             end, end_rate, _ = self._state_after(number + 1)
+            from scipy.interpolate import CubicHermiteSpline  # imported only where it is needed
+
             spline = CubicHermiteSpline([0.0, h], [place, end], [rate, end_rate])
             place, rate = spline(part * h), spline(part * h, 1)
         section = self._section

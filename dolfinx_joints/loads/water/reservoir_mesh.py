@@ -15,6 +15,7 @@ from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary, meshtags
 from scipy.sparse import coo_array, csr_array
 
+from dolfinx_joints.body.quadrature import matrix_measure
 from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
@@ -150,15 +151,16 @@ class _Meshed:
         reservoir, ds, surface = self._reservoir, self._jointed.ds, self._surface()
         u, v = ufl.TrialFunction(self._space), ufl.TestFunction(self._space)
         n, rho, c = ufl.FacetNormal(self._jointed.mesh), reservoir.density, reservoir.sound_speed
-        mass = rho * u * v * ufl.dx + surface_inertia(rho, c) * u * v * surface
+        dx = matrix_measure(self._jointed.shape)
+        mass = rho * u * v * dx + surface_inertia(rho, c) * u * v * surface
         zero = fem.Constant(self._jointed.mesh, 0.0)
-        losses = zero * u * v * ufl.dx
+        losses = zero * u * v * dx
         share = rho * c * reflected(reservoir.bottom_reflection)
         for name in reservoir.bottom:
             losses += share * u * v * ds(name)
         if reservoir.far_end is not None:
             losses += rho * c * u * v * ds(reservoir.far_end)
-        stiffness = rho * c**2 * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
+        stiffness = rho * c**2 * ufl.inner(ufl.grad(u), ufl.grad(v)) * dx
         self._matrices = [self._matrix(form) for form in (mass, stiffness, losses)]
         self.driven = np.zeros((self.size, self._gdim))
         for bound in (*(ds(name) for name in reservoir.bottom), surface):

@@ -18,7 +18,7 @@ Rows = Iterable[tuple[str, object]]
 class Summarised(ABC):
     """Object whose representation is its name and a row per fact.
 
-    The summary needs no collective operation, so any rank can show the object alone.
+    The summary needs no collective operation, so a single rank can show the object.
     """
 
     @abstractmethod

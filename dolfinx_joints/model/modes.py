@@ -20,7 +20,7 @@ from dolfinx_joints.joints.operator import JointTangent
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
 
-# Modes whose frequencies differ by less than this, relatively, form a group.
+# Modes whose frequencies differ by less than this relative value form a group.
 SAME_FREQUENCY = 1e-6
 
 # Shift of omega^2 relative to its mean over the mesh; it makes K regular for unsupported blocks.
@@ -29,7 +29,7 @@ SHIFT = 1e-8
 # Frequencies below this fraction of the shift's frequency are set to zero.
 ZERO = 1e-3
 
-# Stiffness of a rigid-body motion by rounding errors, relative to phi.diag(K) phi.
+# Stiffness of a rigid-body motion due to rounding errors, relative to phi.diag(K) phi.
 RIGID_BODY_ROUNDING = 1e-13
 
 
@@ -40,8 +40,8 @@ class Modes:
     Attributes:
         frequencies: Frequencies [Hz], ascending, shape (n,).
         shapes: Mode shapes, n vectors.
-        participation: Modal participation factors phi.M iota per axis, shape (n, gdim).
-        mass: Mass for a rigid motion along each axis, iota.M iota, shape (gdim,), [kg].
+        participation: Participation factors phi.M iota per axis, shape (n, gdim).
+        mass: iota.M iota, shape (gdim,), [kg]; iota is a unit translation along each axis.
     """
 
     frequencies: NDArray[np.float64]
@@ -167,7 +167,7 @@ def _check_supported(stiffness: PETSc.Mat, lowest: Modes) -> None:
 
 
 def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
-    """Return the modes with omega^2 closest to a target <= 0, not an eigenvalue (collective)."""
+    """Return the modes with omega^2 closest to a target <= 0 that is no eigenvalue (collective)."""
     from slepc4py import SLEPc
 
     stiffness, mass = closed_stiffness(system.stiffness, system.contact), as_aij(system.mass)

@@ -82,7 +82,7 @@ def _area(run: Run) -> Html:
 
 
 def _histories(content: Content, run: Run) -> Html:
-    """Return a plot of each joint's histories; the safety is the last panel."""
+    """Return a plot of each joint's histories, with the safety in the last panel."""
     every = {joint: joint_extremes(run.results, joint) for joint in run.results.joints}
     rows = drawn_series(every.values())
     curves: list[list[Curve]] = [[] for _ in rows]
@@ -96,7 +96,7 @@ def _histories(content: Content, run: Run) -> Html:
     safest = max(_SAFEST, float(np.ceil(1.5 * least)))
     spec["layout"][f"yaxis{len(rows)}"]["range"] = [0.0, safest]
     caption = (
-        f"{', '.join(row.label for row in rows).capitalize()} of each joint of {run.label} over "
+        f"{', '.join(row.label for row in rows).capitalize()} of each joint of {run.label} against "
         f"time; the safety axis ends at {safest:g}."
     )
     return content.drawings.plot("joint-histories", spec, caption)

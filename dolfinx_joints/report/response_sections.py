@@ -50,8 +50,8 @@ def displacements(content: Content) -> Section:
             [
                 "point, component, run",
                 "strong phase ends [s]",
-                "largest before [mm]",
-                "largest after [mm]",
+                "largest in strong phase [mm]",
+                "largest after it [mm]",
                 "Fourier peak at [Hz]",
                 "± [Hz]",
                 "Fourier peak [mm s]",
@@ -60,8 +60,8 @@ def displacements(content: Content) -> Section:
         ),
         paragraph(
             "The strong phase ends at 95 % of the ground's Arias intensity, summed over the "
-            "components. Without ground acceleration in the file it is the whole run. The "
-            "frequency of a Fourier peak is accurate to half a frequency interval.",
+            "components. If the file has no ground acceleration, it is the whole run. The "
+            "frequency of a Fourier peak is accurate to half the frequency spacing (±).",
             "note",
         ),
     ]
@@ -77,7 +77,7 @@ def displacements(content: Content) -> Section:
 
 
 def response_spectra(content: Content) -> Section:
-    """Return the section with absolute accelerations and response spectra, all in one band."""
+    """Return the section on absolute accelerations and response spectra, with one cut-off."""
     runs = [run for run in content.runs if run.has("histories", "acceleration")]
     runs = [run for run in runs if run.results.rows("histories") > 3]
     title = "Earthquake: accelerations and response spectra"
@@ -163,7 +163,7 @@ def _histories(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
         return time, 1e3 * u
 
     titles = [f"{component} [mm]" for component in components(runs)]
-    caption = f"Displacement of {name} from the static state over time."
+    caption = f"Displacement of {name} from the static state against time."
     return panels(_curves(runs, name, history), titles, "time [s]"), caption
 
 
@@ -199,7 +199,7 @@ def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]
 
 
 def _unresolved_periods(runs: Sequence[Run]) -> tuple[float, float] | None:
-    """Return the range of periods that are too short for some run [s], or None."""
+    """Return the range of periods that at least one run does not resolve [s], or None."""
     lowest, _ = measures.resolved_frequencies(*(run.results for run in runs)).lowest
     ends = float(PERIODS[0]), float(min(1.0 / lowest, PERIODS[-1]))
     return ends if ends[0] < ends[1] else None

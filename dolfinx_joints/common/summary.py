@@ -44,9 +44,9 @@ class Summarised(ABC):
         return f"<b>{html.escape(type(self).__name__)}</b><table>{cells}</table>"
 
 
-def names(every: Iterable[Any]) -> str:
+def names(items: Iterable[Any]) -> str:
     """Return names in a line, at most the first `_MOST_NAMES`."""
-    texts = [str(name) for name in every]
+    texts = [str(name) for name in items]
     others = f" and {len(texts) - _MOST_NAMES} more" if len(texts) > _MOST_NAMES else ""
     return ", ".join(texts[:_MOST_NAMES]) + others
 

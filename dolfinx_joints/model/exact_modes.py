@@ -97,12 +97,12 @@ class LowestModes:
         shape: Floats = self._shapes[:, : len(amounts)] @ amounts
         return shape
 
-    def weighed(self, amounts: Floats) -> Floats:
+    def mass_times_modes(self, amounts: Floats) -> Floats:
         """Return the owned rows of M phi times the modal amounts, zero at constrained dofs."""
         product: Floats = self._weighted[:, : len(amounts)] @ amounts
         return product
 
-    def carried(self, used: int, vector: PETSc.Vec) -> Floats:
+    def support_amounts(self, used: int, vector: PETSc.Vec) -> Floats:
         """Return phi.M u over the dofs of moving supports, shape (used,) (collective)."""
         if not self._moves:
             return np.zeros(used)
@@ -172,7 +172,7 @@ class ModalStep:
         The step velocity v gives the body velocity S v, with S = 1 + phi (sqrt(m') - 1) phi.M at
         unconstrained dofs. The step's mass is S^T M S, so its kinetic energy is the body's.
         """
-        return (self.root - 1.0) * self.modes.carried(self.used, u)
+        return (self.root - 1.0) * self.modes.support_amounts(self.used, u)
 
 
 def lowest_modes(system: MatrixSystem, count: int) -> LowestModes:

@@ -220,9 +220,9 @@ class _Sources:
 
     def matrix(self, mass: PETSc.Mat, exists: NDArray[np.bool_]) -> PETSc.Mat:
         """Return P in the layout of M; massless rows store a zero on the diagonal (collective)."""
-        own = mass.getLocalSize()[0] // self._dim
-        columns = [np.array([i + self._first]) for i in range(own)]
-        values = [np.ones(1)] * own
+        node_count = mass.getLocalSize()[0] // self._dim
+        columns = [np.array([i + self._first]) for i in range(node_count)]
+        values = [np.ones(1)] * node_count
         for i in np.flatnonzero(exists):
             used = self._weights[i] != 0.0
             node = self._wanted[i]
@@ -250,12 +250,12 @@ def linear_extrapolation(
         offset: Sources x relative to the node, shape (n, k, dim), [m].
         valid: Mask of the sources that may be used, shape (n, k).
     """
-    count, most, dim = offset.shape
+    count, source_count, dim = offset.shape
     distance = np.where(valid, np.linalg.norm(offset, axis=2), np.inf)
     nearest = np.min(distance, axis=1, initial=np.inf)
     scale = np.where(np.isfinite(nearest), nearest, 1.0)[:, None]
     relative = distance / scale
-    conditions = np.ones((count, 1 + dim, most))
+    conditions = np.ones((count, 1 + dim, source_count))
     conditions[:, 1:] = np.swapaxes(offset, 1, 2) / scale[:, :, None]
     target = np.zeros((count, 1 + dim, 1))
     target[:, 0] = 1.0
@@ -293,9 +293,9 @@ def _rings(stiffness: PETSc.Mat, nodes: Ints, dim: int, count: int) -> list[Ints
 def _neighbours(stiffness: PETSc.Mat, nodes: Ints, dim: int) -> list[Ints]:
     """Return the nodes that K couples with each given node, this node included (collective)."""
     rows = (dim * nodes[:, None] + np.arange(dim)).ravel().astype(PETSc.IntType)
-    wanted = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)
-    every = PETSc.IS().createStride(stiffness.getSize()[1], step=1, comm=PETSc.COMM_SELF)
-    part = stiffness.createSubMatrices([wanted], [every])[0]
+    row_set = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)
+    all_columns = PETSc.IS().createStride(stiffness.getSize()[1], step=1, comm=PETSc.COMM_SELF)
+    part = stiffness.createSubMatrices([row_set], [all_columns])[0]
     starts, columns, values = part.getValuesCSR()
     part.destroy()
     row_of = np.repeat(np.arange(len(rows)) // dim, np.diff(starts))

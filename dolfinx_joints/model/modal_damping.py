@@ -147,6 +147,6 @@ class DampedModes:
     def add_force(self, velocity: PETSc.Vec, out: PETSc.Vec) -> None:
         """Add Psi diag(c) Psi^T v [N] (collective)."""
         columns, rates = self._modes_and_rates
-        mine = columns.T @ velocity.array_r[: len(columns)]
-        amounts = np.sum(velocity.comm.tompi4py().allgather(mine), axis=0)
+        local_amounts = columns.T @ velocity.array_r[: len(columns)]
+        amounts = np.sum(velocity.comm.tompi4py().allgather(local_amounts), axis=0)
         out.getArray()[: len(columns)] += columns @ (rates * amounts)

@@ -97,9 +97,9 @@ def modes(system: MatrixSystem, count: Annotated[int, at.Ge(1)]) -> Modes:
         array([5.])
     """
     check_system(system)
-    most = _number_of_modes(system)
-    if count > most:
-        raise ValueError(f"count is {count}; the system has {most} modes.")
+    mode_count = _number_of_modes(system)
+    if count > mode_count:
+        raise ValueError(f"count is {count}; the system has {mode_count} modes.")
     return _lowest(system, count, 0.0)
 
 
@@ -109,10 +109,10 @@ def whole_groups(system: MatrixSystem, count: int) -> Modes:
     A group has equal frequencies, and the order of its modes depends on rounding. Unsupported
     blocks are allowed; their rigid-body modes have the frequency zero.
     """
-    most = _number_of_modes(system)
+    mode_count = _number_of_modes(system)
     traces = [float(m.getDiagonal().sum()) for m in (system.stiffness, system.mass)]
     shift = SHIFT * traces[0] / traces[1] or 1.0
-    lowest = _lowest(system, min(count + 1, most), -shift)
+    lowest = _lowest(system, min(count + 1, mode_count), -shift)
     rounding = ZERO * math.sqrt(shift) / (2.0 * math.pi)
     frequencies = np.where(lowest.frequencies < rounding, 0.0, lowest.frequencies)
     kept = len(frequencies)
@@ -124,10 +124,10 @@ def whole_groups(system: MatrixSystem, count: int) -> Modes:
 
 def too_few(system: MatrixSystem, count: int) -> ValueError:
     """Return the error for a ``count`` that splits the lowest group of modes (collective)."""
-    requested, most = count, _number_of_modes(system)
+    requested, mode_count = count, _number_of_modes(system)
     frequencies: NDArray[np.float64] = np.empty(0)
     while not frequencies.size:
-        requested = min(2 * requested, most)
+        requested = min(2 * requested, mode_count)
         frequencies = whole_groups(system, requested).frequencies
     ends = np.flatnonzero(frequencies[:-1] < (1.0 - SAME_FREQUENCY) * frequencies[1:])
     least = int(ends[0]) + 1 if ends.size else len(frequencies)
@@ -194,8 +194,8 @@ def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
     _find(solver, count, values, shapes)
     # A Krylov space may miss some modes of equal frequency. Deflate the modes found so far and
     # search for another one at the same frequency.
-    most, last = _number_of_modes(system), values[-1] - target
-    while len(values) < most:
+    mode_count, last = _number_of_modes(system), values[-1] - target
+    while len(values) < mode_count:
         solver.setDeflationSpace(shapes)
         solver.setDimensions(1)
         _find(solver, 1, values, shapes)

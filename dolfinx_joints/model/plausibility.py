@@ -80,8 +80,8 @@ def warn_of_implausible_values(
     owners = {id(given): (given, [n for n, other in named if other is given]) for _, given in named}
     texts = [*_out_of_range("The mesh: extent", size, EXTENT)]
     for given, (first, *further) in owners.values():
-        others = f" and {len(further)} more" if further else ""
-        owner = f"{type(given).__name__}{f' of {first}' if first else ''}{others}"
+        suffix = f" and {len(further)} more" if further else ""
+        owner = f"{type(given).__name__}{f' of {first}' if first else ''}{suffix}"
         for name, value in _parameters(given):
             texts += (
                 _out_of_range(f"{owner}: {name}", value, RANGES[name]) if name in RANGES else []

@@ -126,8 +126,8 @@ class BodyAndWater:
 
     def energy(self, one: PETSc.Vec, other: PETSc.Vec) -> float:
         """Return half the dot product of the water parts of two vectors (collective)."""
-        mine = one.getArray(readonly=True)[self.dry :] @ other.getArray(readonly=True)[self.dry :]
-        return 0.5 * float(np.sum(self._comm.tompi4py().allgather(float(mine))))
+        part = one.getArray(readonly=True)[self.dry :] @ other.getArray(readonly=True)[self.dry :]
+        return 0.5 * float(np.sum(self._comm.tompi4py().allgather(float(part))))
 
     def system(self, dry: MatrixSystem, loads: Mapping[str, Any], step: float) -> MatrixSystem:
         """Return the coupled system for a time step [s] (collective).

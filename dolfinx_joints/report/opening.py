@@ -88,7 +88,7 @@ def doubts(run: Run) -> list[str]:
         warnings.append(
             f"{run.label}: the local error of a step is {local:.2%} of the largest displacement."
         )
-    warnings += [*jump_warnings(run), *_losses(run)]
+    warnings += [*jump_warnings(run), *_loss_warnings(run)]
     recorded = summary.get("warnings", [])
     return warnings + [f"{run.label}: {text}" for text in recorded]
 
@@ -100,7 +100,7 @@ def _unresolved(run: Run, band: float) -> list[str]:
     return [f"{run.label}: {text}"] if text else []
 
 
-def _losses(run: Run) -> list[str]:
+def _loss_warnings(run: Run) -> list[str]:
     """Return warnings of joints whose numerical loss is not small compared with their friction.
 
     Comparing with the largest energy is not enough, as most of it may be in the rock.

@@ -243,8 +243,8 @@ def page(title: str, top: Sequence[Html], sections: Sequence[Section], drawings:
     The pieces in ``top`` are above the table of contents.
     """
     data = {"plots": drawings.plots, "scene": drawings.scene}
-    own = files("dolfinx_joints.report")
-    script, style = (own.joinpath(f"report.{kind}").read_text("utf-8") for kind in ("js", "css"))
+    root = files("dolfinx_joints.report")
+    script, style = (root.joinpath(f"report.{kind}").read_text("utf-8") for kind in ("js", "css"))
     packed, hashes = _plotly() if drawings.plots or drawings.scene else ("", [])
     hashes = [_hash(script), *hashes]
     policy = (

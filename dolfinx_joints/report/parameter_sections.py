@@ -170,10 +170,10 @@ def _numbered(things: Iterable[Any]) -> list[tuple[str, Any]]:
 
 def _mesh(run: Run) -> dict[str, Any]:
     facts, statics = run.results.metadata, run.results.statics
-    found = {title: facts.get(key) for key, title in _MESH.items()}
+    values = {title: facts.get(key) for key, title in _MESH.items()}
     for title, name in (("nodes in the file", "mesh/nodes"), ("boundary facets", "mesh/surface")):
-        found[title] = len(run.results.static(name)) if name in statics else None
-    return found | {"joints": len(run.results.joints)}
+        values[title] = len(run.results.static(name)) if name in statics else None
+    return values | {"joints": len(run.results.joints)}
 
 
 def _resolved(run: Run) -> dict[str, Any]:
@@ -187,11 +187,11 @@ def _resolved(run: Run) -> dict[str, Any]:
 
 
 def _programs(made: Mapping[str, Any]) -> dict[str, Any]:
-    found = dict(made.get("versions", {}))
-    found |= {key: made[key] for key in ("system", "host") if key in made}
+    values = dict(made.get("versions", {}))
+    values |= {key: made[key] for key in ("system", "host") if key in made}
     if "command" in made:
-        found["command"] = " ".join(map(str, made["command"]))
-    return found | made.get("petsc_options", {})
+        values["command"] = " ".join(map(str, made["command"]))
+    return values | made.get("petsc_options", {})
 
 
 def _table(title: str, head: list[Cell], groups: list[Groups]) -> Html | None:

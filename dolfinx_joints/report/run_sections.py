@@ -61,7 +61,7 @@ def energies(content: Content) -> Section:
     rows = [[text, *(s.get(key) for s in summaries)] for key, text in _ERRORS.items()]
     unstated = [", ".join(s.get("laws_without_losses") or ()) or None for s in summaries]
     if any(unstated):
-        rows.append(["laws of joints that the balance does not include", *unstated])
+        rows.append(["the balance excludes joints with the laws", *unstated])
     pieces = [
         table("Energy balance", _head("", content), rows),
         paragraph(

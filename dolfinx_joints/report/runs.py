@@ -190,9 +190,9 @@ def _names(paths: Sequence[Path]) -> list[str]:
     short = [path.with_suffix("") if path.suffix in _ENDINGS else path for path in paths]
     parts = [path.parts for path in (short if len(set(short)) == len(short) else paths)]
     names = []
-    for own in parts:
+    for path_parts in parts:
         count = 1
-        while sum(other[-count:] == own[-count:] for other in parts) > 1:
+        while sum(other[-count:] == path_parts[-count:] for other in parts) > 1:
             count += 1
-        names.append("/".join(own[-count:]))
+        names.append("/".join(path_parts[-count:]))
     return names

@@ -50,8 +50,8 @@ def displacements(content: Content) -> Section:
             [
                 "point, component, run",
                 "strong phase ends [s]",
-                "largest in strong phase [mm]",
-                "largest after it [mm]",
+                "largest before this end [mm]",
+                "largest after this end [mm]",
                 "Fourier peak at [Hz]",
                 "± [Hz]",
                 "Fourier peak [mm s]",

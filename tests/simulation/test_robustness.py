@@ -38,7 +38,7 @@ def wall(wall_file, read):
                     shaken_wall.LAW, initial_gaps={"joint_1": lambda x: np.zeros((2, 2))}
                 )
             },
-            "gave an array of shape",
+            "is an array of shape",
         ),
         (
             {"loads": [dj.FormLoad(form=lambda v: None)]},

@@ -127,7 +127,7 @@ class StiffnessProposal:
             lines.append(f"k_n h/E = {self.stiffness_ratio:.3g}")
             if self.stiffness_ratio > LARGEST_RATIO:
                 lines[-1] += (
-                    f"; k_n is too large: the tractions have relative errors of {rounding:.1g} "
+                    f"; too large: the tractions have relative rounding errors of {rounding:.1g} "
                     "or more; reduce k_n"
                 )
         return "\n".join(lines)

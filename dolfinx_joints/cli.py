@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _warnings_in_lines(*, quiet: bool) -> Iterator[None]:
-    """Print each warning once, in one line; with ``quiet`` leave out plausibility warnings."""
+    """Print each warning once, in one line; with ``quiet`` omit plausibility warnings."""
     printed: set[str] = set()
 
     def show(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
@@ -85,7 +85,7 @@ def _add_report(commands: Any) -> None:
         "--out", type=Path, default=Path("report.html"), help="HTML file (default %(default)s)"
     )
     report.add_argument(
-        "--no-3d", action="store_true", help="leave out the 3-D view and the pictures of the body"
+        "--no-3d", action="store_true", help="omit the 3-D view and the pictures of the body"
     )
     report.set_defaults(run=_report)
 

@@ -151,7 +151,7 @@ class SlidingBlock:
     """Newmark's rigid block on a base with a rectangular acceleration pulse.
 
     While the base accelerates with A > a_y, the block slides with s'' = A - a_y. After the pulse,
-    friction alone acts, s'' = -a_y, until the block stops at A t_p / a_y. On a level base
+    only friction acts, s'' = -a_y, until the block stops at the time A t_p / a_y. On a level base
     a_y = mu g. The final slip is
 
     s_end = (A - a_y) A t_p^2 / (2 a_y)

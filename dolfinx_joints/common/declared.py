@@ -122,7 +122,7 @@ def checked(of: T) -> T:
 
 
 def _checking_init(of: type) -> Callable[..., None]:
-    own = getattr(of, "__post_init__", None)
+    post_init = getattr(of, "__post_init__", None)
 
     def check(self: Any) -> None:
         """Check the parameters."""
@@ -131,8 +131,8 @@ def _checking_init(of: type) -> Callable[..., None]:
             converted = parameter.check(value, type(self).__name__)
             if converted is not value:
                 object.__setattr__(self, parameter.name, converted)
-        if own is not None:
-            own(self)
+        if post_init is not None:
+            post_init(self)
 
     return check
 
@@ -266,8 +266,8 @@ def _count(kind: Any, bounds: Sequence[Any]) -> str:
     """Return the allowed number of values of a sequence, as text."""
     if get_origin(kind) is tuple and Ellipsis not in get_args(kind):
         return str(len(get_args(kind)))
-    least = next((b.min_length for b in bounds if isinstance(b, at.MinLen)), 0)
-    most = next((b.max_length for b in bounds if isinstance(b, at.MaxLen)), None)
-    if most is None:
-        return f"{least} or more" if least else "a sequence of"
-    return f"{least}" if least == most else f"{least} to {most}"
+    lowest = next((b.min_length for b in bounds if isinstance(b, at.MinLen)), 0)
+    highest = next((b.max_length for b in bounds if isinstance(b, at.MaxLen)), None)
+    if highest is None:
+        return f"{lowest} or more" if lowest else "a sequence of"
+    return f"{lowest}" if lowest == highest else f"{lowest} to {highest}"

@@ -127,7 +127,7 @@ class ConvergenceError(JointsError, RuntimeError):
     """Error for a solve that did not converge.
 
     Every argument is optional and becomes an attribute of the same name. The message contains the
-    given ones.
+    given arguments.
 
     Args:
         stage: Kind of the stage, for example ``"static"`` or ``"earthquake"``.

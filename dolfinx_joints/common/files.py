@@ -64,7 +64,7 @@ class FileLock:
             owner = file.read(200).strip() or "another process"
             file.close()
             raise error(
-                f"{path} is being written by {owner}; wait for it, end it, or use another file."
+                f"{path} is being written by {owner}; wait until it ends, or use another file."
             ) from None
         except OSError as exc:
             warn(
@@ -108,7 +108,7 @@ def released(lock: Lock | None, *, at_end: bool) -> Iterator[None]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a path for a new file that replaces ``path`` when the block ends.
+    """Yield a path for a new file that replaces ``path`` when the block ends.
 
     If the block fails, the new file is deleted and ``path`` does not change.
     """

@@ -143,15 +143,15 @@ def open_growing(path: Path, error: type[Exception]) -> h5py.File:
     except (OSError, RuntimeError) as failure:
         reason = " ".join(str(failure).split())[:300]
         raise error(
-            f"{path} cannot be read; its run has not started or ended before writing it ({reason})."
+            f"{path} cannot be read: its run did not start, or ended before writing it ({reason})."
         ) from failure
 
 
 def check_superblock(path: Path, error: type[Exception]) -> bool:
-    """Return True if a writer has the file open, or had it open when it was killed.
+    """Return True if a writer has the file open, or was killed while the file was open.
 
     Raise an error if the file is shorter than its superblock states. HDF5 does not detect this
-    while the file is being written, when it may be too short for a moment.
+    while the file is being written; the file may then be too short for a moment.
     """
     deadline = clock.monotonic() + _GROWING_SECONDS
     while True:

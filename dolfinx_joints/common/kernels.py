@@ -42,7 +42,7 @@ from numba.extending import register_jitable
 from dolfinx_joints.common.progress import LOGGER
 
 _PLAIN = (bool, int, float, complex, str, bytes, NoneType, EllipsisType, range)
-# Types of arguments that compiled code depends on by their name alone.
+# Types of arguments whose name determines the compiled code.
 _NAMED = (types.Array, types.Boolean, types.NoneType, types.Number, types.UnicodeType)
 # Modules whose code changes only with the versions, which are part of the key.
 _VERSIONED = {*sys.stdlib_module_names, "llvmlite", "numba", "numpy"}

@@ -62,7 +62,7 @@ def _free_on_machine() -> float:
 def _free_in_groups(
     process: Path = Path("/proc/self/cgroup"), mounted: Path = Path("/sys/fs/cgroup")
 ) -> list[float]:
-    """Return the free memory in the limit of each cgroup (version 2), caches included, [bytes]."""
+    """Return the memory left below each cgroup limit (version 2), caches included, [bytes]."""
     free = []
     for line in process.read_text().splitlines() if process.exists() else []:
         folder = mounted / line.split(":", 2)[2].strip("/")

@@ -21,7 +21,7 @@ from dolfinx_joints.common.arrays import TAG, Dealt, Flags, Ints
 
 T = TypeVar("T")
 
-# An error that occurs on all ranks occurs within this time [s].
+# If an error occurs on all ranks, all of them raise it within this time [s].
 APART = 20.0
 
 
@@ -80,7 +80,7 @@ def lasting(comm: Any, kept: list[Any] = _LASTING) -> Any:
 def all_fail(comm: Any, error: BaseException) -> bool:
     """Return True if all ranks call this within `APART` seconds, so that they can continue.
 
-    Error handlers use it, because an error may occur on this rank alone. ``comm`` is
+    Error handlers use it, because an error may occur only on this rank. ``comm`` is
     ``lasting(comm, OF_ERRORS)``, created beforehand and used only here.
     """
     arrival, end = comm.Ibarrier(), monotonic() + APART
@@ -126,7 +126,7 @@ def blocks_of(comm: Any, count: int) -> Ints:
 
 
 def rank_of(blocks: Ints, number: Ints) -> Ints:
-    """Return the rank that has each row, by global row number."""
+    """Return the rank that stores each row, by global row number."""
     return np.searchsorted(blocks, number, side="right") - 1
 
 
@@ -168,7 +168,7 @@ class RowsAt:
         return received[self._place]
 
     def mark(self, marks: Flags, rows: Flags) -> None:
-        """Set the flags in ``rows`` of this rank's rows that any rank has marked (collective)."""
+        """Set the flags in ``rows`` for this rank's rows that any rank has marked (collective)."""
         if self._comm.size == 1:
             rows[self._number[marks]] = True
             return

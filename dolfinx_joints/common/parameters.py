@@ -24,7 +24,7 @@ _CONTROL = re.compile(
 _FORMULA = re.compile(r"\s*[=+@-](?!(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$|inf$|$)", re.I)
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 
-PLAIN_NAMES = "visible characters and spaces between them, without '/', not dots alone"
+PLAIN_NAMES = "visible characters and spaces between them, without '/', not only dots"
 
 LONGEST_SHOWN = 80  # characters of a value in a message
 
@@ -163,7 +163,7 @@ def check_each(
             returned += f" from {values.min():g} to {values.max():g}"
         wanted = "one finite number" if negative else "one finite number of zero or more"
         raise ValueError(
-            f"{name} gave {returned}; for {count} points it must give {wanted} for each."
+            f"{name} is {returned}; it must be {wanted} for each of the {count} points."
         )
     return np.broadcast_to(values, count).astype(np.float64)
 

@@ -39,7 +39,7 @@ class Progress:
         total: Number of parts.
         unit: Name of the parts, in the plural.
         rank: Rank of the process; only rank 0 logs.
-        done: Number of parts that were done before.
+        done: Number of parts that are already complete at the start.
     """
 
     def __init__(self, what: str, total: int, unit: str, rank: int = 0, done: int = 0) -> None:

@@ -18,7 +18,7 @@ Rows = Iterable[tuple[str, object]]
 class Summarised(ABC):
     """Object whose representation is its name and a row per fact.
 
-    The summary needs no collective operation, so any rank can show the object alone.
+    The summary needs no collective operation, so a single rank can show the object.
     """
 
     @abstractmethod
@@ -44,9 +44,9 @@ class Summarised(ABC):
         return f"<b>{html.escape(type(self).__name__)}</b><table>{cells}</table>"
 
 
-def names(every: Iterable[Any]) -> str:
+def names(items: Iterable[Any]) -> str:
     """Return names in a line, at most the first `_MOST_NAMES`."""
-    texts = [str(name) for name in every]
+    texts = [str(name) for name in items]
     others = f" and {len(texts) - _MOST_NAMES} more" if len(texts) > _MOST_NAMES else ""
     return ", ".join(texts[:_MOST_NAMES]) + others
 

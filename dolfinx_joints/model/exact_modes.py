@@ -18,13 +18,13 @@ from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.modes import SAME_FREQUENCY, too_few, whole_groups
 from dolfinx_joints.model.system import MatrixSystem
 
-# Largest omega dt of a mode that is integrated exactly: four steps per period. The errors of bars
-# in impact and of dams hardly change between 1 and 2.
+# Largest omega dt of a mode that is integrated exactly: about four steps per period. Limits from 1
+# to 2 give nearly the same errors for bars in impact and for dams.
 LARGEST_ANGLE = 1.5
 
 
 class LowestModes:
-    """Modes of a body without its joints, and the products of them that time steps use.
+    """Modes of a body without its joints, and the products of modes that time steps use.
 
     A group of equal frequencies is left out if ``count`` would split it.
 
@@ -70,7 +70,7 @@ class LowestModes:
     def _uncoupling_rotation(self, system: MatrixSystem, shapes: Floats) -> Floats:
         """Return the rotation of modes of equal frequency that diagonalises damping (collective).
 
-        Any rotation of such modes gives modes again; SLEPc's depends on rounding and ranks.
+        Rotated modes of equal frequency are modes too; SLEPc's depend on rounding and ranks.
         """
         vectors = [system.damping_force(system.vector(s), system.vector()) for s in shapes.T]
         forces = _columns(vectors)
@@ -84,7 +84,7 @@ class LowestModes:
         return rotation
 
     def _step(self, rate: float) -> ModalStep:
-        """Return the modal quantities of a step of rate 2 / dt [1/s]."""
+        """Return the modal quantities of a step with the rate 2 / dt [1/s]."""
         used = int(np.count_nonzero(self.frequencies * 2.0 / rate <= LARGEST_ANGLE))
         return ModalStep(self, used, rate)
 
@@ -97,12 +97,12 @@ class LowestModes:
         shape: Floats = self._shapes[:, : len(amounts)] @ amounts
         return shape
 
-    def weighed(self, amounts: Floats) -> Floats:
+    def mass_times_modes(self, amounts: Floats) -> Floats:
         """Return the owned rows of M phi times the modal amounts, zero at constrained dofs."""
         product: Floats = self._weighted[:, : len(amounts)] @ amounts
         return product
 
-    def carried(self, used: int, vector: PETSc.Vec) -> Floats:
+    def support_amounts(self, used: int, vector: PETSc.Vec) -> Floats:
         """Return phi.M u over the dofs of moving supports, shape (used,) (collective)."""
         if not self._moves:
             return np.zeros(used)
@@ -120,9 +120,9 @@ class LowestModes:
 class ModalStep:
     """Modal mass m', damping c' and velocity corrections that make the midpoint rule exact.
 
-    A mode moves as exp(lambda t) with lambda^2 + c lambda + omega^2 = 0. The midpoint rule
-    multiplies it by (1 + mu/rate)/(1 - mu/rate) per step, with m' mu^2 + c' mu + omega^2 = 0. This
-    factor equals exp(lambda dt) if
+    A mode of damping c moves as exp(lambda t) with lambda^2 + c lambda + omega^2 = 0. The midpoint
+    rule multiplies it by (1 + mu/rate)/(1 - mu/rate) per step; mu1 and mu2 solve
+    m' mu^2 + c' mu + omega^2 = 0. This factor equals exp(lambda dt) if
 
         mu = rate tanh(lambda/rate),   m' = omega^2/(mu1 mu2),   c' = -m' (mu1 + mu2).
 
@@ -169,14 +169,14 @@ class ModalStep:
     def of_supports(self, u: PETSc.Vec) -> Floats:
         """Return the contribution of moving supports to the change of M u, (used,) (collective).
 
-        A velocity v of the step is S v in the body, with S = 1 + phi (sqrt(m') - 1) phi.M at
+        The step velocity v gives the body velocity S v, with S = 1 + phi (sqrt(m') - 1) phi.M at
         unconstrained dofs. The step's mass is S^T M S, so its kinetic energy is the body's.
         """
-        return (self.root - 1.0) * self.modes.carried(self.used, u)
+        return (self.root - 1.0) * self.modes.support_amounts(self.used, u)
 
 
 def lowest_modes(system: MatrixSystem, count: int) -> LowestModes:
-    """Return the modes of a system; compute them once and cache them with it (collective)."""
+    """Return the modes of a system, computed once and cached in the system (collective)."""
     kept = system.lowest_modes if system.shared is None else system.shared.lowest_modes
     if count not in kept:
         kept[count] = LowestModes(system, count)

@@ -21,7 +21,7 @@ from dolfinx_joints.model.model import Model
 
 
 class JointFunctions:
-    """Gap, traction, slip and status of joints as Functions at the points of the model's rule.
+    """Gap, traction, slip and status of joints as Functions at the joint points of the model.
 
     They are zero until `update`. Use them in forms with `dS`, for example ``traction("-")``, and
     compile the forms with `JointedMesh.form`. Components are along the local axes (n, s1, s2) as in
@@ -33,8 +33,8 @@ class JointFunctions:
         joints: Name of a joint, several names, or None for all joints.
 
     Attributes:
-        surface: The `JointSurface` that carries the Functions.
-        dS: Measure of the joints with the model's rule.
+        surface: The `JointSurface` on which the Functions are defined.
+        dS: Measure of the joints with the model's quadrature rule.
         gap: Gap, initial gap included, 3 components, [m].
         traction: Traction, 3 components, [Pa].
         traction_vector: Traction in global axes, gdim components, [Pa].
@@ -74,7 +74,7 @@ class JointFunctions:
     def fields(self) -> dict[str, fem.Function]:
         """Discontinuous Lagrange Functions for ParaView, by name (collective).
 
-        `update` sets them once they are created. With the rules ``nodal`` and ``gauss`` they equal
+        `update` sets them after the first access. With the rules ``nodal`` and ``gauss`` they equal
         the values at the points. With ``auto`` on 6-node triangles and with other Gauss rules on
         triangles, they are a least-squares fit: the rule has more points than coefficients.
         """
@@ -100,9 +100,9 @@ class JointFunctions:
         response = getattr(state, "joints", state)
         wanted = "a StaticState, DynamicState, Record or Response of joints"
         check_kind_of("state", response, isinstance(response, Response), wanted)
-        given, own = len(response.traction), len(self._operator.areas)
-        if given != own:
-            raise ValueError(f"The state has {given} joint points, the model {own}, on this rank.")
+        given, expected = len(response.traction), len(self._operator.areas)
+        if given != expected:
+            raise ValueError(f"The state has {given} points on this rank, the model {expected}.")
         axes = self._operator.frames[:, :, : self.surface.mesh.geometry.dim]
         values = (
             response.state.gap,

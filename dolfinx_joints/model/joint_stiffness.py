@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Choice of the joint stiffnesses k_n and k_s from the body, and the errors that they cause.
+"""Choice of the joint stiffnesses k_n and k_s for a body, and the errors that they cause.
 
 Theory, assumptions and limits are in docs/theory/joint_stiffness.md, (35) to (37).
 """
@@ -18,8 +18,8 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.friction import FrictionNoTension
 
 # Largest k_n h/E without a warning. A traction t is k_n times a difference of displacements u. Its
-# relative rounding error is eps k_n u/t with eps = 2.2e-16, and u is at least the shortening t h/E
-# of a cell. Bars of four or eight cells have errors of 1e-15 to 5e-15 k_n h/E, so ten digits remain
+# relative rounding error is eps k_n u/t with eps = 2.2e-16. u is at least the shortening t h/E of a
+# cell. Bars of four or eight cells have errors of 1e-15 to 5e-15 k_n h/E, so ten digits remain
 # up to this ratio.
 LARGEST_RATIO = 1e5
 
@@ -42,7 +42,7 @@ class StiffnessProposal:
         shear_stiffness: k_s [Pa/m].
         young: Young's modulus E of the body [Pa].
         poisson: Poisson's ratio of the body.
-        block_size: Distance L of the joints [m].
+        block_size: Spacing L of the joints [m].
         pressure: Largest expected pressure p on a joint [Pa].
         friction_angle_deg: Friction angle [degrees], needed for the elastic slip.
         element_size: Cell size h at the joints [m], needed for the rounding error.
@@ -66,7 +66,7 @@ class StiffnessProposal:
 
     @property
     def added_compliance(self) -> float:
-        """Compliance of the joints relative to the blocks, max of M/(k_n L) and G/(k_s L)."""
+        """Ratio of joint to block compliance: M/(k_n L) or G/(k_s L), whichever is larger."""
         oedometric, shear = _moduli(self.young, self.poisson)
         return max(
             oedometric / (self.normal_stiffness * self.block_size),
@@ -85,7 +85,7 @@ class StiffnessProposal:
 
     @property
     def elastic_slip(self) -> float | None:
-        """Slip mu p/k_s before sliding at the largest pressure [m], None without friction angle."""
+        """Elastic slip mu p/k_s before sliding [m], mu = tan(angle); None without an angle."""
         if self.friction_angle_deg is None:
             return None
         mu = math.tan(math.radians(self.friction_angle_deg))
@@ -127,7 +127,7 @@ class StiffnessProposal:
             lines.append(f"k_n h/E = {self.stiffness_ratio:.3g}")
             if self.stiffness_ratio > LARGEST_RATIO:
                 lines[-1] += (
-                    f": too stiff, the tractions have relative rounding errors of {rounding:.1g} "
+                    f"; too large: the tractions have relative rounding errors of {rounding:.1g} "
                     "or more; reduce k_n"
                 )
         return "\n".join(lines)
@@ -147,15 +147,15 @@ def propose_stiffness(
 ) -> StiffnessProposal:
     """Choose the softest joint that keeps compliance and interpenetration below their bounds.
 
-    k_n = max(M/(added_compliance L), p/overlap) and k_s = k_n G/M, with the oedometric modulus M.
-    Joint and block then have the same ratio of shear to normal stiffness.
+    k_n = max(M/(added_compliance L), p/overlap) and k_s = k_n G/M, with the oedometric modulus M
+    and the shear modulus G. Joint and block then have the same ratio of shear to normal stiffness.
 
     Args:
         young: Young's modulus E of the body [Pa].
         poisson: Poisson's ratio of the body.
-        block_size: Distance L of the joints [m]; the smallest if they differ.
+        block_size: Spacing L of the joints [m]; the smallest spacing if it varies.
         pressure: Largest expected pressure p on a joint [Pa]; may be zero.
-        added_compliance: Bound on the compliance of the joints relative to that of the blocks.
+        added_compliance: Bound on the ratio of the joint compliance to the block compliance.
         overlap: Bound on the interpenetration [m].
         friction_angle_deg: Friction angle [degrees], needed for the elastic slip.
         element_size: Cell size at the joints [m], needed for the rounding error.
@@ -166,7 +166,7 @@ def propose_stiffness(
         >>> law = proposal.law(friction_angle_deg=45.0)
         >>> f"{law.normal_stiffness:.3g}"  # E / (0.01 * 12 m) [Pa/m]
         '2e+11'
-        >>> f"{law.shear_stiffness:.3g}"  # half of it, as G = E / 2 [Pa/m]
+        >>> f"{law.shear_stiffness:.3g}"  # half of k_n, as G = E / 2 [Pa/m]
         '1e+11'
     """
     oedometric, shear = _moduli(young, poisson)

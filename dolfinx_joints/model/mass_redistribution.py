@@ -14,9 +14,9 @@ fields, so each body keeps its mass, centre of mass and moments of inertia to ro
 regular if M + K is: a motion without strain is rigid and keeps its inertia. Shear components are
 treated like normal ones, as shear tractions of a sticking joint oscillate too.
 
-The weights e_j of a node make sum sqrt(|e_j| d_j) small, with d_j the distance of source j. This
-selects few sources: on a regular mesh two nodes straight behind the joint node, the nearest and the
-farthest one allowed. The farther a source, the less the joint region reflects waves.
+The weights e_j of a node make sum sqrt(|e_j| d_j) small, where d_j is the distance of source j.
+This selects few sources: on a regular mesh two nodes straight behind the joint node, the nearest
+and the farthest one allowed. Farther sources make the joint region reflect waves less.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ AHEAD = 0.1
 # Largest sum |e_j| allowed; two layers of nodes behind the joint give 3.
 LARGEST_SUM = 6.0
 
-# Iterations of reweighted least squares, which select few sources.
+# Number of iterations of reweighted least squares, which selects few sources.
 REWEIGHTINGS = 30
 
 # Number of nodes extrapolated at once; it limits the memory.
@@ -128,10 +128,10 @@ def redistributed_mass(
     sources = _Sources(pattern, coordinates, wanted, rings)
     pattern.destroy()
     exists = sources.extrapolate(inward[wanted])
-    short = int(sum(comm.allgather(int((~exists).sum()))))
-    if short and comm.rank == 0:
+    count = int(sum(comm.allgather(int((~exists).sum()))))
+    if count and comm.rank == 0:
         warn(
-            f"{short} joint nodes keep their mass: they have fewer than two layers of other nodes "
+            f"{count} joint nodes keep their mass: they have fewer than two layers of other nodes "
             "behind them. Refine the body there."
         )
     extrapolation = sources.matrix(mass, exists)
@@ -220,9 +220,9 @@ class _Sources:
 
     def matrix(self, mass: PETSc.Mat, exists: NDArray[np.bool_]) -> PETSc.Mat:
         """Return P in the layout of M; massless rows store a zero on the diagonal (collective)."""
-        own = mass.getLocalSize()[0] // self._dim
-        columns = [np.array([i + self._first]) for i in range(own)]
-        values = [np.ones(1)] * own
+        node_count = mass.getLocalSize()[0] // self._dim
+        columns = [np.array([i + self._first]) for i in range(node_count)]
+        values = [np.ones(1)] * node_count
         for i in np.flatnonzero(exists):
             used = self._weights[i] != 0.0
             node = self._wanted[i]
@@ -242,7 +242,7 @@ class _Sources:
 def linear_extrapolation(
     offset: Floats, valid: NDArray[np.bool_]
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return weights e with sum e = 1, sum e x = 0 and small sum sqrt(|e| |x|), and if they exist.
+    """Return weights e, sum e = 1, sum e x = 0, small sum sqrt(|e| |x|), and whether they exist.
 
     Reweighted least squares drive most weights to zero; equally good sources have equal weights.
 
@@ -250,18 +250,18 @@ def linear_extrapolation(
         offset: Sources x relative to the node, shape (n, k, dim), [m].
         valid: Mask of the sources that may be used, shape (n, k).
     """
-    count, most, dim = offset.shape
+    count, source_count, dim = offset.shape
     distance = np.where(valid, np.linalg.norm(offset, axis=2), np.inf)
     nearest = np.min(distance, axis=1, initial=np.inf)
     scale = np.where(np.isfinite(nearest), nearest, 1.0)[:, None]
     relative = distance / scale
-    conditions = np.ones((count, 1 + dim, most))
+    conditions = np.ones((count, 1 + dim, source_count))
     conditions[:, 1:] = np.swapaxes(offset, 1, 2) / scale[:, :, None]
     target = np.zeros((count, 1 + dim, 1))
     target[:, 0] = 1.0
     share = 1.0 / relative
     for _ in range(REWEIGHTINGS):
-        # Among all e that satisfy the conditions, the one with the least sum of e^2 / share.
+        # Of all e that satisfy the conditions, take the e with the least sum of e^2 / share.
         root = np.sqrt(share)[:, None, :]
         inverse = np.linalg.pinv(conditions * root, rcond=1e-10)
         weights: Floats = (inverse @ target)[:, :, 0] * root[:, 0]
@@ -291,11 +291,11 @@ def _rings(stiffness: PETSc.Mat, nodes: Ints, dim: int, count: int) -> list[Ints
 
 
 def _neighbours(stiffness: PETSc.Mat, nodes: Ints, dim: int) -> list[Ints]:
-    """Return the nodes that K couples with each of the nodes, itself included (collective)."""
+    """Return the nodes that K couples with each given node, this node included (collective)."""
     rows = (dim * nodes[:, None] + np.arange(dim)).ravel().astype(PETSc.IntType)
-    wanted = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)
-    every = PETSc.IS().createStride(stiffness.getSize()[1], step=1, comm=PETSc.COMM_SELF)
-    part = stiffness.createSubMatrices([wanted], [every])[0]
+    row_set = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)
+    all_columns = PETSc.IS().createStride(stiffness.getSize()[1], step=1, comm=PETSc.COMM_SELF)
+    part = stiffness.createSubMatrices([row_set], [all_columns])[0]
     starts, columns, values = part.getValuesCSR()
     part.destroy()
     row_of = np.repeat(np.arange(len(rows)) // dim, np.diff(starts))

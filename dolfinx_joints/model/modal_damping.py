@@ -73,7 +73,7 @@ class ModalDamping:
 
 
 def modal_damping(system: MatrixSystem, modes: Modes) -> ModalDamping:
-    """Return the modal damping by all of C: Rayleigh, boundaries, forms (collective)."""
+    """Return the modal damping due to all of C: Rayleigh, boundaries, forms (collective)."""
     check_system(system)
     count = len(modes.shapes)
     matrix = np.empty((count, count))
@@ -96,8 +96,8 @@ class DampedModes:
         self.ratios = ratios
         self._body: MatrixSystem | None = None
 
-    def given_to(self, body: MatrixSystem) -> MatrixSystem:
-        """Return a body's system with this damping; the modes are those of the first system."""
+    def with_damping(self, body: MatrixSystem) -> MatrixSystem:
+        """Return a body's system with this damping; modes are computed for the first system."""
         if self._body is None:
             none: dict[str, Any] = {"patterns": (), "load_names": (), "in_joints": ()}
             self._body = replace(body, values=None, water=None, shared=None, **none)
@@ -128,7 +128,7 @@ class DampedModes:
             ratio = np.broadcast_to(self.ratios.ratio, count)[i]
             raise ValueError(
                 f"ModalRatios: ratio of mode {i + 1} is {ratio:.4g}, but the other damping already "
-                f"gives {by_other_damping[i] / doubled[i]:.4g}; give a ratio of at least that."
+                f"gives {by_other_damping[i] / doubled[i]:.4g}; use at least this ratio."
             )
         columns = np.column_stack([(system.mass * shape).array_r for shape in modes.shapes])
         columns[system.constrained] = 0.0
@@ -147,6 +147,6 @@ class DampedModes:
     def add_force(self, velocity: PETSc.Vec, out: PETSc.Vec) -> None:
         """Add Psi diag(c) Psi^T v [N] (collective)."""
         columns, rates = self._modes_and_rates
-        mine = columns.T @ velocity.array_r[: len(columns)]
-        amounts = np.sum(velocity.comm.tompi4py().allgather(mine), axis=0)
+        local_amounts = columns.T @ velocity.array_r[: len(columns)]
+        amounts = np.sum(velocity.comm.tompi4py().allgather(local_amounts), axis=0)
         out.getArray()[: len(columns)] += columns @ (rates * amounts)

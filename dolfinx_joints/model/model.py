@@ -58,7 +58,7 @@ class Model(Summarised):
             omitted if the mesh has no joints or ``extra_stiffness`` ties all of them.
         supports: Fixed and prescribed components, springs, viscous boundaries.
         loads: Loads that act in every stage (self weight, tractions, ...).
-        damping: `Rayleigh` or `ModalRatios`. Rayleigh's stiffness part applies to the bulk alone.
+        damping: `Rayleigh` or `ModalRatios`. Rayleigh's stiffness part applies only to the bulk.
         water: Added masses (`WestergaardMass`, `ReservoirMass`) and at most one reservoir with
             waves (`ReservoirWaves`, `MeshedReservoir`). The waves are unknowns of dynamic stages.
         body: Degree, plane strain or stress, extra forms and mass redistribution: a `Body`.
@@ -199,7 +199,7 @@ class Model(Summarised):
 
     def _redistribute(self, operator: JointOperator) -> None:
         """Move the mass of the joint nodes to the body behind them."""
-        # Leave out the extra form: it may couple nodes across a joint.
+        # Omit the extra form: it may couple nodes across a joint.
         body = self._stiffness(Body()) if self._options.extra_stiffness else self.stiffness
         owned = self.V.dofmap.index_map.size_local
         nodes = self.V.tabulate_dof_coordinates()[:owned, : self.gdim]
@@ -209,10 +209,10 @@ class Model(Summarised):
                 mass, body, operator, nodes, self.constraints.dofs, RINGS // self._degree
             )
 
-        alone = self.body_mass is self.mass
+        same_mass = self.body_mass is self.mass
         self.redistribution = redistributed(self.mass)
         self.mass = self.redistribution.mass
-        self.body_mass = self.mass if alone else redistributed(self.body_mass).mass
+        self.body_mass = self.mass if same_mass else redistributed(self.body_mass).mass
 
     def _damping(self, rayleigh: Rayleigh) -> tuple[Rayleigh, PETSc.Mat | None, PETSc.Mat | None]:
         """Return the factors of M and K in C, the viscous boundaries, and all dashpots."""
@@ -300,9 +300,9 @@ class Model(Summarised):
                 "A Temperature was given to a stage. Give it to Model(loads=...) with a factor of "
                 "time: stresses are recovered with the temperatures of the model."
             )
-        every = [*self.loads, *extra_loads]
-        loads = every if only is None else [*only, *extra_loads]
-        named = zip(load_names(every), every, strict=True)
+        all_loads = [*self.loads, *extra_loads]
+        loads = all_loads if only is None else [*only, *extra_loads]
+        named = zip(load_names(all_loads), all_loads, strict=True)
         by_name = {name: load for name, load in named if any(load is one for one in loads)}
         patterns = [(n, pattern) for n in by_name for pattern in self._patterns(n, by_name[n])]
         water, in_joints = water_in(self, by_name, waves=waves is not None)
@@ -326,7 +326,7 @@ class Model(Summarised):
             shared=shared,
         )
         if self.damped_modes is not None and not static:
-            system = self.damped_modes.given_to(system)
+            system = self.damped_modes.with_damping(system)
         if waves is None or self.coupled is None:
             return system
         return self.coupled.system(system, by_name, waves)

@@ -20,7 +20,7 @@ from dolfinx_joints.joints.operator import JointTangent
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
 
-# Modes whose frequencies differ by less than this, relatively, form a group.
+# Modes whose frequencies differ by less than this relative value form a group.
 SAME_FREQUENCY = 1e-6
 
 # Shift of omega^2 relative to its mean over the mesh; it makes K regular for unsupported blocks.
@@ -29,7 +29,7 @@ SHIFT = 1e-8
 # Frequencies below this fraction of the shift's frequency are set to zero.
 ZERO = 1e-3
 
-# Stiffness of a rigid-body motion by rounding errors, relative to phi.diag(K) phi.
+# Stiffness of a rigid-body motion due to rounding errors, relative to phi.diag(K) phi.
 RIGID_BODY_ROUNDING = 1e-13
 
 
@@ -40,8 +40,8 @@ class Modes:
     Attributes:
         frequencies: Frequencies [Hz], ascending, shape (n,).
         shapes: Mode shapes, n vectors.
-        participation: Modal participation factors phi.M iota per axis, shape (n, gdim).
-        mass: Mass for a rigid motion along each axis, iota.M iota, shape (gdim,), [kg].
+        participation: Participation factors phi.M iota per axis, shape (n, gdim).
+        mass: iota.M iota, shape (gdim,), [kg]; iota is a unit translation along each axis.
     """
 
     frequencies: NDArray[np.float64]
@@ -97,9 +97,9 @@ def modes(system: MatrixSystem, count: Annotated[int, at.Ge(1)]) -> Modes:
         array([5.])
     """
     check_system(system)
-    most = _number_of_modes(system)
-    if count > most:
-        raise ValueError(f"count is {count}; the system has {most} modes.")
+    mode_count = _number_of_modes(system)
+    if count > mode_count:
+        raise ValueError(f"count is {count}; the system has {mode_count} modes.")
     return _lowest(system, count, 0.0)
 
 
@@ -109,10 +109,10 @@ def whole_groups(system: MatrixSystem, count: int) -> Modes:
     A group has equal frequencies, and the order of its modes depends on rounding. Unsupported
     blocks are allowed; their rigid-body modes have the frequency zero.
     """
-    most = _number_of_modes(system)
+    mode_count = _number_of_modes(system)
     traces = [float(m.getDiagonal().sum()) for m in (system.stiffness, system.mass)]
     shift = SHIFT * traces[0] / traces[1] or 1.0
-    lowest = _lowest(system, min(count + 1, most), -shift)
+    lowest = _lowest(system, min(count + 1, mode_count), -shift)
     rounding = ZERO * math.sqrt(shift) / (2.0 * math.pi)
     frequencies = np.where(lowest.frequencies < rounding, 0.0, lowest.frequencies)
     kept = len(frequencies)
@@ -124,10 +124,10 @@ def whole_groups(system: MatrixSystem, count: int) -> Modes:
 
 def too_few(system: MatrixSystem, count: int) -> ValueError:
     """Return the error for a ``count`` that splits the lowest group of modes (collective)."""
-    requested, most = count, _number_of_modes(system)
+    requested, mode_count = count, _number_of_modes(system)
     frequencies: NDArray[np.float64] = np.empty(0)
     while not frequencies.size:
-        requested = min(2 * requested, most)
+        requested = min(2 * requested, mode_count)
         frequencies = whole_groups(system, requested).frequencies
     ends = np.flatnonzero(frequencies[:-1] < (1.0 - SAME_FREQUENCY) * frequencies[1:])
     least = int(ends[0]) + 1 if ends.size else len(frequencies)
@@ -167,7 +167,7 @@ def _check_supported(stiffness: PETSc.Mat, lowest: Modes) -> None:
 
 
 def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
-    """Return the modes with omega^2 closest to a target <= 0, not an eigenvalue (collective)."""
+    """Return the modes with omega^2 closest to a target <= 0 that is no eigenvalue (collective)."""
     from slepc4py import SLEPc
 
     stiffness, mass = closed_stiffness(system.stiffness, system.contact), as_aij(system.mass)
@@ -194,8 +194,8 @@ def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
     _find(solver, count, values, shapes)
     # A Krylov space may miss some modes of equal frequency. Deflate the modes found so far and
     # search for another one at the same frequency.
-    most, last = _number_of_modes(system), values[-1] - target
-    while len(values) < most:
+    mode_count, last = _number_of_modes(system), values[-1] - target
+    while len(values) < mode_count:
         solver.setDeflationSpace(shapes)
         solver.setDimensions(1)
         _find(solver, 1, values, shapes)

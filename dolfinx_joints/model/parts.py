@@ -27,7 +27,7 @@ BilinearForm = Callable[[Any, Any], Any]
 @dataclass(frozen=True)
 @checked
 class Joints:
-    """Laws of the joints, with the options that apply to joints alone.
+    """Laws of the joints, with the options that apply only to joints.
 
     Args:
         laws: One law for all joints, or one per joint name.
@@ -60,7 +60,7 @@ class Joints:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class Body:
-    """Options of the body: its discretisation, user-defined forms, and where its mass acts.
+    """Options of the body: its discretisation, user-defined forms and mass redistribution.
 
     Args:
         degree: Degree of the displacement; by default that of the mesh.
@@ -94,12 +94,12 @@ class Body:
     redistribute_mass: bool = False
 
     def forms(self, name: str, u: Any, v: Any) -> list[Any]:
-        """Return the user-defined form of a name in a list, empty if it is not given."""
+        """Return a list of the named user-defined form, empty if this form is not given."""
         extra = getattr(self, name)
         if extra is None:
             return []
         form = extra(u, v)
-        check_form(form, 2, f"{name} must give a bilinear UFL form of (u, v)")
+        check_form(form, 2, f"{name} must return a bilinear UFL form of (u, v)")
         return [form]
 
 
@@ -119,7 +119,7 @@ def check_form(form: Any, arguments: int, requirement: str) -> None:
     """Check the number of arguments of a UFL form, and that numbered parts have tags."""
     count = len(form.arguments()) if isinstance(form, ufl.Form) else 0
     if count != arguments:
-        raise ValueError(f"{requirement}; this one has {count} arguments: {shown(form, str)}.")
+        raise ValueError(f"{requirement}; the form has {count} arguments: {shown(form, str)}.")
     for integral in form.integrals():
         if integral.subdomain_data() is None and integral.subdomain_id() not in (
             "everywhere",
@@ -127,7 +127,7 @@ def check_form(form: Any, arguments: int, requirement: str) -> None:
         ):
             part = f"the part {shown(integral.subdomain_id())} of a measure without tags"
             raise ValueError(
-                f"{requirement}; this one integrates over {part}; use jointed.ds(NAME)."
+                f"{requirement}; the form integrates over {part}; use jointed.ds(NAME)."
             )
 
 

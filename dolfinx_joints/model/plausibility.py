@@ -19,9 +19,9 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 @dataclass(frozen=True)
 class Range:
-    """Smallest, usual and largest value of a parameter in models of dams, rigid parts included.
+    """Smallest, typical and largest value of a parameter in models of dams, rigid parts included.
 
-    Zero is always plausible. ``others`` are units that a user may have meant, each with its size in
+    Zero is always plausible. ``others`` are other units that the user may have meant, expressed in
     ``unit``.
     """
 
@@ -67,7 +67,7 @@ def warn_of_implausible_values(
     by joint. ``loads`` include added masses.
     """
     x, comm = jointed.mesh.geometry.x, jointed.mesh.comm
-    feet = {id(load): _foot(jointed, load) for load in loads}
+    feet = {id(load): _lowest_height(jointed, load) for load in loads}
     kelvin = [text for load in loads for text in _in_kelvin(comm, load)]
     boxes = comm.gather((x.min(axis=0), x.max(axis=0)) if len(x) else None, root=0)
     if boxes is None:
@@ -80,8 +80,8 @@ def warn_of_implausible_values(
     owners = {id(given): (given, [n for n, other in named if other is given]) for _, given in named}
     texts = [*_out_of_range("The mesh: extent", size, EXTENT)]
     for given, (first, *further) in owners.values():
-        others = f" and {len(further)} more" if further else ""
-        owner = f"{type(given).__name__}{f' of {first}' if first else ''}{others}"
+        suffix = f" and {len(further)} more" if further else ""
+        owner = f"{type(given).__name__}{f' of {first}' if first else ''}{suffix}"
         for name, value in _parameters(given):
             texts += (
                 _out_of_range(f"{owner}: {name}", value, RANGES[name]) if name in RANGES else []
@@ -96,7 +96,7 @@ def warn_of_implausible_values(
 def warn_of_overlaps(comm: Any, overlaps: Mapping[str, float]) -> list[str]:
     """Warn of negative initial gaps [m] by joint, and return the warnings; on rank 0."""
     texts = [
-        f"Joint {name!r}: the initial gap is {gap:g} m; the faces overlap, open gaps are positive."
+        f"Joint {name!r}: the initial gap is {gap:g} m; the faces overlap. A positive gap is open."
         for name, gap in (overlaps.items() if comm.rank == 0 else ())
     ]
     doubt(comm, *texts)
@@ -143,7 +143,7 @@ def _in_kelvin(comm: Any, load: Any) -> list[str]:
     return [f"{type(load).__name__}: value {text}; is one of them in kelvin?"]
 
 
-def _foot(jointed: JointedMesh, load: Any) -> float:
+def _lowest_height(jointed: JointedMesh, load: Any) -> float:
     """Return the height of the lowest vertex of a load's face or joint [m] (collective)."""
     group = getattr(load, "group", None)
     if getattr(load, "joint", None) in jointed.joint_names:
@@ -160,15 +160,15 @@ def _level(owner: str, load: Any, bottom: float, top: float, foot: float) -> lis
     if not isinstance(level, int | float):
         return []
     if not bottom < level <= top + (top - bottom) / 3.0:
-        return [f"{owner}: level is {level:g} m; the body is between {bottom:g} and {top:g} m."]
+        return [f"{owner}: level is {level:g} m; the body extends from {bottom:g} to {top:g} m."]
     if level <= foot:
         place = f"joint {load.joint!r}" if hasattr(load, "joint") else f"group {load.group!r}"
-        return [f"{owner}: level is {level:g} m; the {place} begins at {foot:g} m."]
+        return [f"{owner}: level is {level:g} m; the lowest point of {place} is at {foot:g} m."]
     return []
 
 
 def _out_of_range(quantity: str, value: Any, plausible: Range) -> list[str]:
-    """Return a warning if a value is out of its range, with the unit in which it would be in."""
+    """Return a warning if a value is out of its range, with a unit that would explain it."""
     numbers = numbers_of(value)
     if numbers is None:
         return []
@@ -181,5 +181,5 @@ def _out_of_range(quantity: str, value: Any, plausible: Range) -> list[str]:
     nearest = min(meant, key=lambda n: abs(np.log(meant[n] / plausible.usual)), default=None)
     hint = f"; is it in {nearest}?" if nearest else "."
     return [
-        f"{quantity} is {x:g}{unit}; usual is {plausible.low:g} to {plausible.high:g}{unit}{hint}"
+        f"{quantity} is {x:g}{unit}; usual: {plausible.low:g} to {plausible.high:g}{unit}{hint}"
     ]

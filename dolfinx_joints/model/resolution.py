@@ -33,9 +33,9 @@ def resolution(model: Model) -> Resolved:
 def of_mesh(model: Model, speed: Floats) -> float:
     """Return min c_s p / (10 h) of all cells, ten nodes per shear wave [Hz] (collective).
 
-    p is the displacement's degree, h the longest edge, c_s the ``speed`` of the slowest shear wave
-    in each local cell [m/s]. Kuhlemeyer and Lysmer (1973) require eight to ten nodes; a wave is
-    then 1.6 % too fast with linear elements.
+    p is the displacement's degree, h a cell's longest edge, c_s the ``speed`` of the slowest shear
+    wave in each local cell [m/s]. Kuhlemeyer and Lysmer (1973) require eight to ten nodes; a
+    wave is then 1.6 % too fast with linear elements.
     """
     mesh, shape = model.jointed.mesh, model.jointed.shape
     nodes, longest = geometry_nodes(mesh), np.zeros(len(speed))

@@ -37,7 +37,7 @@ Pattern = tuple[PETSc.Vec, Callable[[float], float]]
 class MatrixSystem:
     """System M a + C v + K u + B^T w t(B u) = F(time) with constrained dofs.
 
-    `Model.system` makes one from a mesh, `from_arrays` from dense matrices.
+    `Model.system` builds a system from a mesh, `from_arrays` from dense matrices.
 
     Attributes:
         mass: M [kg].
@@ -48,7 +48,7 @@ class MatrixSystem:
         damped_modes: Part of C that is due to damping ratios of modes (`DampedModes`), or None.
         contact: The joints, or None.
         bulk: Cells with plastic materials, or None. K contains their elastic stiffness.
-        patterns: Nodal forces [N] with their factors of time [s].
+        patterns: Nodal forces [N] with their factors, functions of time [s].
         load_names: Name of the load that each pattern belongs to; ``load`` for all by default.
         constrained: Owned constrained dofs, local numbers.
         values: Displacements [m] of the constrained dofs at a time [s]; zero by default.
@@ -129,7 +129,7 @@ class MatrixSystem:
             operator = GapOperator(_matrix(b), w, np.zeros(points, dtype=np.int64), ("joint",))
             contact = Contact(operator, law, {"joint": initial_gap})
         elif law is not None:
-            raise ValueError("A law is given without gap; give gap too, or omit law.")
+            raise ValueError("A law is given without gap; pass gap too, or omit law.")
         matrix_m = _matrix(m)
         return cls(
             mass=matrix_m,
@@ -230,7 +230,7 @@ class MatrixSystem:
     def loads_by_name(self, time: float, scale: float) -> dict[str, PETSc.Vec]:
         """Return the nodal forces of each load at a time [s], times ``scale``, [N] (collective).
 
-        For static stages: the forces on the far end of a reservoir with waves are left out.
+        For static stages: the forces at the far end of a reservoir with waves are omitted.
         """
         factors = scale * self._factors(time)
         forces: dict[str, PETSc.Vec] = {}
@@ -340,7 +340,7 @@ def as_aij(matrix: PETSc.Mat) -> PETSc.Mat:
 def _components(
     load: Callable[[float], ArrayLike], mass: PETSc.Mat
 ) -> list[tuple[PETSc.Vec, Callable[[float], float]]]:
-    """Return a unit vector and its factor of time for each entry of a load."""
+    """Return a unit vector and its time-dependent factor for each entry of a load."""
     size = mass.getSize()[0]
 
     @lru_cache(maxsize=1)

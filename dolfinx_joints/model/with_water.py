@@ -5,8 +5,9 @@
     [M     ] [u'']   [C         -rho c Q] [u']   [K     ] [u]   [F                     ]
     [   M_w] [y''] + [rho c Q^T  C_w    ] [y'] + [   K_w] [y] = [rho c (n . v_ground)  ]    (12v)
 
+phi is the velocity potential, rho and c are the water's density and sound speed, Q the coupling.
 M and K are symmetric and positive semidefinite. The coupling is skew and does no work, so the time
-schemes of a body alone apply. With negated water rows, a step's matrix is symmetric but indefinite.
+schemes for a body apply. With negated water rows, a step's matrix is symmetric but indefinite.
 """
 
 from __future__ import annotations
@@ -112,7 +113,7 @@ class BodyAndWater:
         """Return the wave force -(integral of p n) on the face, (gdim,), [N] (collective)."""
         return np.asarray(-self.pressure(velocity) @ self._normals)
 
-    def harmonic_push(self, omega: float, along: Floats) -> NDArray[np.complex128]:
+    def harmonic_force(self, omega: float, along: Floats) -> NDArray[np.complex128]:
         """Return the forces on this rank's water in steady vibration [N].
 
         The ground acceleration ``along`` (gdim,) [m/s^2] has the circular frequency omega [rad/s].
@@ -125,8 +126,8 @@ class BodyAndWater:
 
     def energy(self, one: PETSc.Vec, other: PETSc.Vec) -> float:
         """Return half the dot product of the water parts of two vectors (collective)."""
-        mine = one.getArray(readonly=True)[self.dry :] @ other.getArray(readonly=True)[self.dry :]
-        return 0.5 * float(np.sum(self._comm.tompi4py().allgather(float(mine))))
+        part = one.getArray(readonly=True)[self.dry :] @ other.getArray(readonly=True)[self.dry :]
+        return 0.5 * float(np.sum(self._comm.tompi4py().allgather(float(part))))
 
     def system(self, dry: MatrixSystem, loads: Mapping[str, Any], step: float) -> MatrixSystem:
         """Return the coupled system for a time step [s] (collective).

@@ -36,13 +36,13 @@ _CONTROLS = (
     '<label>Time <input type="range" name="time" min="0" max="0" value="0"/></label>'
     '<output name="moment"></output>'
     '<label>Displacements × <input type="number" name="scale" min="0" step="any"/></label>'
-    '<label><input type="checkbox" name="through"/> See through to the joints</label></div>'
+    '<label><input type="checkbox" name="through"/> Show the joints through the body</label></div>'
 )
 
 
 def space(content: Content) -> Section:
     """Return the section with a 3-D view of the deformed body at chosen times."""
-    title = "The body in space"
+    title = "3-D view of the body"
     needed = {"mesh/nodes", "mesh/surface"}
     runs = [
         run
@@ -72,20 +72,20 @@ def space(content: Content) -> Section:
     caption = (
         f"Boundary of the body with displacements enlarged by the factor above. Colours show the "
         f"displacement from the unloaded shape, {frames}. The view has {recorded}: at most "
-        f"{MOMENTS} evenly spaced ones, and those of the largest displacement and opening. It "
-        "starts at the largest displacement. In the see-through view, joints are coloured by "
-        "their opening."
+        f"{MOMENTS} evenly spaced states, and the states with the largest displacement and opening."
+        " It starts at the largest displacement. If the joints are shown through the body, "
+        "colours show their opening."
     )
     view = Html(
         f'<figure id="scene">{_CONTROLS.format(options=options)}'
-        '<div class="plot" style="height:520px" role="img" aria-label="The deformed body in '
-        f'space"></div><figcaption>{text(caption)}</figcaption></figure>'
+        '<div class="plot" style="height:520px" role="img" aria-label="3-D view of the '
+        f'deformed body"></div><figcaption>{text(caption)}</figcaption></figure>'
     )
     return Section("space", title, [view])
 
 
 def stresses(content: Content) -> Section:
-    """Return the section on the extreme stresses at the boundary, with the main run's pictures."""
+    """Return the section on extreme stresses at the boundary, with pictures of the main run."""
     title = "Stresses"
     runs = [run for run in content.runs if run.has("envelopes")]
     if not runs:
@@ -93,7 +93,7 @@ def stresses(content: Content) -> Section:
     extremes = [measures.stress_extremes(run.results) for run in runs]
     rows = [[name.replace("_", ", "), *(1e-6 * e[name] for e in extremes)] for name in extremes[0]]
     head = ["[MPa]", *(run.label for run in runs)]
-    pieces = [table("Largest and smallest stress over time and boundary, tension > 0", head, rows)]
+    pieces = [table("Extreme stresses of the run at the boundary, tension > 0", head, rows)]
     run = content.main if content.main in runs else runs[0]
     recorded = [name for name, value in extremes[runs.index(run)].items() if not np.isnan(value)]
     if not run.plane:
@@ -119,7 +119,7 @@ def mesh(content: Content) -> Section:
     """Return the section with the mesh of the main run and the names of its joints."""
     run = content.main
     if run.plane or not {"mesh/nodes", "mesh/surface"} <= set(run.results.statics):
-        return nothing("mesh", "Mesh", "mesh of a body in space")
+        return nothing("mesh", "Mesh", "mesh of a 3-D body")
     caption = f"Finite-element mesh of {run.label}, with the names of its joints."
     path = content.save("mesh", views.mesh(run.results), dpi=130)
     picture = content.drawings.picture(path, caption)
@@ -129,8 +129,8 @@ def mesh(content: Content) -> Section:
 def scene(run: Run) -> dict[str, Any]:
     """Return data of one run for the page's script: the boundary and chosen states.
 
-    The states are at most ``MOMENTS`` evenly spaced ones, and those of the largest displacement
-    and opening.
+    The states are at most ``MOMENTS`` evenly spaced states, and the states with the largest
+    displacement and opening.
     """
     results = run.results
     used, surface = np.unique(results.static("mesh/surface"), return_inverse=True)
@@ -179,7 +179,7 @@ def _frame(results: Results, used: Ints, number: int) -> dict[str, Any]:
 
 
 def _extremes(results: Results, used: Ints) -> tuple[Floats, Floats]:
-    """Return the largest displacement and opening of each record [m], read one at a time."""
+    """Return each record's largest displacement and opening [m]; read one record at a time."""
     rows = results.rows("states")
     sizes, openings = np.zeros(rows), np.zeros(rows)
     for number in range(rows):
@@ -209,7 +209,7 @@ def _joint_faces(results: Results, surface: Ints) -> tuple[dict[str, dict[str, s
 
 
 def _triangles(facets: Ints, cells: Ints) -> tuple[dict[str, dict[str, str]], Ints]:
-    """Split facets with three or four corners into triangles; return them and their cells."""
+    """Split facets with 3 or 4 corners into triangles; return triangles and their cells."""
     parts = [facets[:, [0, 1, 2]]]
     if facets.shape[1] == 4:
         parts.append(facets[:, [0, 2, 3]])

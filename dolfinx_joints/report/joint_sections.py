@@ -82,21 +82,21 @@ def _area(run: Run) -> Html:
 
 
 def _histories(content: Content, run: Run) -> Html:
-    """Return a plot of each joint's histories; the safety is the last panel."""
-    every = {joint: joint_extremes(run.results, joint) for joint in run.results.joints}
-    rows = drawn_series(every.values())
+    """Return a plot of each joint's histories, with the safety in the last panel."""
+    extremes = {joint: joint_extremes(run.results, joint) for joint in run.results.joints}
+    rows = drawn_series(extremes.values())
     curves: list[list[Curve]] = [[] for _ in rows]
-    for joint, found in every.items():
+    for joint, joint_values in extremes.items():
         for panel, row in zip(curves, rows, strict=True):
-            values = row.factor * found.values[row.key]
-            panel.append((joint, found.time, np.where(np.isinf(values), np.nan, values)))
+            values = row.factor * joint_values.values[row.key]
+            panel.append((joint, joint_values.time, np.where(np.isinf(values), np.nan, values)))
     titles = [row.heading for row in rows]
     spec = panels(curves, titles, "time [s]", shown=len(run.results.joints))
     least = min((np.nanmin(v) for _, _, v in curves[-1] if np.isfinite(v).any()), default=0.0)
     safest = max(_SAFEST, float(np.ceil(1.5 * least)))
     spec["layout"][f"yaxis{len(rows)}"]["range"] = [0.0, safest]
     caption = (
-        f"{', '.join(row.label for row in rows).capitalize()} of each joint of {run.label} over "
+        f"{', '.join(row.label for row in rows).capitalize()} of each joint of {run.label} against "
         f"time; the safety axis ends at {safest:g}."
     )
     return content.drawings.plot("joint-histories", spec, caption)

@@ -33,7 +33,7 @@ from dolfinx_joints.results.resolved import beyond
 JOINT_NOTE = (
     "Opening is the positive part of the normal gap. Slip is the relative tangential displacement "
     "of the two sides since the static state. Safety against sliding is the resistance by friction "
-    "and bond divided by the shear, each summed over the joint's points; a dash means undefined."
+    "and bond divided by the shear force, each summed over the joint; a dash means undefined."
 )
 _AXES = {2: "x (downstream) and y (up).", 3: "x (downstream), y (left bank) and z (up)."}
 
@@ -64,8 +64,8 @@ def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
 _BOUNDS = (
     f"Warnings appear if the energy error exceeds {LARGE_ENERGY_ERROR:.0%} of the largest energy, "
     f"if the local error of a step exceeds {LARGE_LOCAL_ERROR:.0%} of the largest displacement, or "
-    "if a run is incomplete. They also appear if the numerical loss in a joint exceeds "
-    f"{LARGE_ENERGY_ERROR:.0%} of the friction work there and 0.1% of the largest energy."
+    "if a run is incomplete. They also appear if the numerical energy loss in a joint exceeds "
+    f"{LARGE_ENERGY_ERROR:.0%} of its friction work and 0.1% of the largest energy."
 )
 
 
@@ -88,7 +88,7 @@ def doubts(run: Run) -> list[str]:
         warnings.append(
             f"{run.label}: the local error of a step is {local:.2%} of the largest displacement."
         )
-    warnings += [*jump_warnings(run), *_losses(run)]
+    warnings += [*jump_warnings(run), *_loss_warnings(run)]
     recorded = summary.get("warnings", [])
     return warnings + [f"{run.label}: {text}" for text in recorded]
 
@@ -100,7 +100,7 @@ def _unresolved(run: Run, band: float) -> list[str]:
     return [f"{run.label}: {text}"] if text else []
 
 
-def _losses(run: Run) -> list[str]:
+def _loss_warnings(run: Run) -> list[str]:
     """Return warnings of joints whose numerical loss is not small compared with their friction.
 
     Comparing with the largest energy is not enough, as most of it may be in the rock.
@@ -179,7 +179,7 @@ def _crest_displacement(run: Run) -> Cell:
 
 
 def _crest_acceleration(run: Run, *, band: float) -> Cell:
-    """Return the largest absolute acceleration of the highest monitor points in a band [Hz]."""
+    """Return the largest absolute acceleration of the highest points, up to a band [Hz]."""
     points = peaks.crest_points(run.results)
     needed = ["acceleration"] + ["ground_acceleration"] * run.results.relative
     if not points or not run.moves or not run.has("histories", *needed):
@@ -207,7 +207,7 @@ _SINCE = "since the last static state"
 
 
 def _rows(band: float, runs: Sequence[Run]) -> Sequence[tuple[str, Callable[[Run], Cell]]]:
-    """Return titles of rows and the functions of their cells; accelerations are in a band [Hz]."""
+    """Return row titles and the functions of their cells; accelerations are up to a band [Hz]."""
     named = measures.band_name(band, *(run.results for run in runs))
     acceleration = f"crest acceleration, absolute, {named} [m/s²]"
     return (

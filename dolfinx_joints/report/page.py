@@ -148,13 +148,13 @@ def figure(pictures: Sequence[Html], caption: str, *, wide: bool = False) -> Htm
 
 
 def details(title: str, pieces: Sequence[Html], *, opened: bool = False) -> Html:
-    """Return a block that the reader can unfold; its plots are drawn then."""
+    """Return a block that the reader can unfold; its plots are drawn when it is unfolded."""
     state = ' open=""' if opened else ""
     return Html(f"<details{state}><summary>{text(title)}</summary>{''.join(pieces)}</details>")
 
 
 def table(caption: str, head: Sequence[Cell], rows: Sequence[Sequence[Cell]]) -> Html:
-    """Return a table; its first column has the row names, and number columns are right-aligned.
+    """Return a table with row names in the first column and right-aligned columns of numbers.
 
     A row with a single cell is the heading of the following rows.
     """
@@ -194,7 +194,7 @@ def panels(
 ) -> dict[str, Any]:
     """Return stacked panels with a common abscissa; a curve's name determines its colour.
 
-    ``ordinates`` and ``abscissa`` are axis titles with units. ``limit`` ends the abscissa,
+    ``ordinates`` and ``abscissa`` are axis titles with units, ``limit`` is the end of the abscissa,
     ``shown`` is the number of names visible at first, ``shaded`` is a range of the abscissa.
     """
     names = list(dict.fromkeys(name for panel in curves for name, _, _ in panel))
@@ -243,8 +243,8 @@ def page(title: str, top: Sequence[Html], sections: Sequence[Section], drawings:
     The pieces in ``top`` are above the table of contents.
     """
     data = {"plots": drawings.plots, "scene": drawings.scene}
-    own = files("dolfinx_joints.report")
-    script, style = (own.joinpath(f"report.{kind}").read_text("utf-8") for kind in ("js", "css"))
+    root = files("dolfinx_joints.report")
+    script, style = (root.joinpath(f"report.{kind}").read_text("utf-8") for kind in ("js", "css"))
     packed, hashes = _plotly() if drawings.plots or drawings.scene else ("", [])
     hashes = [_hash(script), *hashes]
     policy = (

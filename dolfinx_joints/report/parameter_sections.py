@@ -36,12 +36,12 @@ _UNITS = {
     "tooth_width": ("width of the teeth [m]", 1.0),
     "tooth_cohesion": ("cohesion of the teeth [MPa]", 1e-6),
     "tooth_friction_angle_deg": ("friction angle of the teeth [°]", 1.0),
-    "forward_play": ("play forward [m]", 1.0),
-    "backward_play": ("play backward [m]", 1.0),
+    "forward_play": ("forward play [m]", 1.0),
+    "backward_play": ("backward play [m]", 1.0),
     "tensile_strength": ("tensile strength [MPa]", 1e-6),
     "mean": ("mean [°C]", 1.0),
     "surface_mean": ("mean at the surface [°C]", 1.0),
-    "deep_mean": ("mean in the depth [°C]", 1.0),
+    "deep_mean": ("mean at depth [°C]", 1.0),
     "amplitude": ("amplitude [K]", 1.0),
     "surface_amplitude": ("amplitude at the surface [K]", 1.0),
     "expansion": ("thermal expansion [1/K]", 1.0),
@@ -53,21 +53,21 @@ _UNITS = {
     "sound_speed": ("speed of sound [m/s]", 1.0),
     "ReservoirMass.frequency": ("frequency [Hz]", 1.0),
     "aperture": ("aperture [m]", 1.0),
-    "JointWater.closed": ("pressure where closed [MPa]", 1e-6),
+    "JointWater.closed": ("pressure in closed joints [MPa]", 1e-6),
     "Uplift.pressure": ("pressure [MPa]", 1e-6),
     "Pressure.value": ("value [MPa]", 1e-6),
     "Traction.value": ("value [MPa]", 1e-6),
     "point": ("point [m]", 1.0),
-    "FreeField.surface": ("surface [m]", 1.0),
-    "FreeField.base": ("base [m]", 1.0),
-    "ObliqueFreeField.surface": ("surface [m]", 1.0),
+    "FreeField.surface": ("height of the surface [m]", 1.0),
+    "FreeField.base": ("height of the base [m]", 1.0),
+    "ObliqueFreeField.surface": ("height of the surface [m]", 1.0),
     "highest_frequency": ("highest frequency [Hz]", 1.0),
     "angle_deg": ("angle from the vertical [°]", 1.0),
     "azimuth_deg": ("azimuth [°]", 1.0),
     "gravity": ("gravity [m/s²]", 1.0),
-    "mass_factor": ("factor on the mass [1/s]", 1.0),
-    "stiffness_factor": ("factor on the stiffness [s]", 1.0),
-    "start at": ("start at [s]", 1.0),
+    "mass_factor": ("factor of the mass in damping [1/s]", 1.0),
+    "stiffness_factor": ("factor of the stiffness in damping [s]", 1.0),
+    "start at": ("start time [s]", 1.0),
     "time step": ("time step [s]", 1.0),
     "time_step": ("time step [s]", 1.0),
     "size": ("cell size [m]", 1.0),
@@ -77,7 +77,7 @@ _UNITS = {
     "gap": ("initial gap [m]", 1.0),
     "scale": ("factor on the motion", 1.0),
     "displacements": ("displacements in the file", 1.0),
-    "rotate": ("turn of the horizontal axes [°]", 1.0),
+    "rotate": ("rotation of the horizontal axes [°]", 1.0),
 }
 _MESH = {"dofs": "degrees of freedom", "cells": "cells", "joint_points": "joint points"}
 _ELSEWHERE = {"point_names", "points", "units", "laws", "manifest", *_MESH}
@@ -99,11 +99,11 @@ def parameters(content: Content) -> Section:
         "Supports": [_objects(_numbered(m.get("supports", []))) for m in made],
         "Damping": [_objects([("", m.get("damping"))]) for m in made],
         "Steps and solver": [_objects(m.get("settings", {}).items()) for m in made],
-        "Facts of the run": [
+        "Data of the run": [
             {"": {k: v for k, v in run.results.metadata.items() if k not in _ELSEWHERE}}
             for run in runs
         ],
-        "Resolved up to [Hz]": [{"": _resolved(run)} for run in runs],
+        "Highest resolved frequency [Hz]": [{"": _resolved(run)} for run in runs],
         "Mesh": [{"": _mesh(run)} for run in runs],
         "Programs and machine": [{"": _programs(m)} for m in made],
     }
@@ -158,7 +158,7 @@ def _objects(named: Iterable[tuple[str, Any]]) -> Groups:
 
 
 def _numbered(things: Iterable[Any]) -> list[tuple[str, Any]]:
-    """Return objects with numbers, which are empty if only one object is of the class."""
+    """Return objects with their numbers, empty if only one object is of the class."""
     listed = list(things)
     kinds = [parsed(thing)[0] for thing in listed]
     numbers = [str(kinds[: i + 1].count(kind)) for i, kind in enumerate(kinds)]
@@ -170,10 +170,10 @@ def _numbered(things: Iterable[Any]) -> list[tuple[str, Any]]:
 
 def _mesh(run: Run) -> dict[str, Any]:
     facts, statics = run.results.metadata, run.results.statics
-    found = {title: facts.get(key) for key, title in _MESH.items()}
+    values = {title: facts.get(key) for key, title in _MESH.items()}
     for title, name in (("nodes in the file", "mesh/nodes"), ("boundary facets", "mesh/surface")):
-        found[title] = len(run.results.static(name)) if name in statics else None
-    return found | {"joints": len(run.results.joints)}
+        values[title] = len(run.results.static(name)) if name in statics else None
+    return values | {"joints": len(run.results.joints)}
 
 
 def _resolved(run: Run) -> dict[str, Any]:
@@ -187,18 +187,18 @@ def _resolved(run: Run) -> dict[str, Any]:
 
 
 def _programs(made: Mapping[str, Any]) -> dict[str, Any]:
-    found = dict(made.get("versions", {}))
-    found |= {key: made[key] for key in ("system", "host") if key in made}
+    values = dict(made.get("versions", {}))
+    values |= {key: made[key] for key in ("system", "host") if key in made}
     if "command" in made:
-        found["command"] = " ".join(map(str, made["command"]))
-    return found | made.get("petsc_options", {})
+        values["command"] = " ".join(map(str, made["command"]))
+    return values | made.get("petsc_options", {})
 
 
 def _table(title: str, head: list[Cell], groups: list[Groups]) -> Html | None:
-    """Return a table of the values of all runs, None without values."""
+    """Return a table of the values of all runs, or None if there are no values."""
     rows: list[list[Cell]] = []
     for heading in dict.fromkeys(h for run in groups for h in run):
-        # Insert each name before its successor in its run, to keep the order of static stages.
+        # Insert a name before the next name of the same run, to keep the order of static stages.
         names: list[str] = []
         for run in groups:
             place = len(names)

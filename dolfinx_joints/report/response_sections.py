@@ -50,8 +50,8 @@ def displacements(content: Content) -> Section:
             [
                 "point, component, run",
                 "strong phase ends [s]",
-                "largest before [mm]",
-                "largest after [mm]",
+                "largest before this end [mm]",
+                "largest after this end [mm]",
                 "Fourier peak at [Hz]",
                 "± [Hz]",
                 "Fourier peak [mm s]",
@@ -60,16 +60,16 @@ def displacements(content: Content) -> Section:
         ),
         paragraph(
             "The strong phase ends at 95 % of the ground's Arias intensity, summed over the "
-            "components. Without ground acceleration in the file it is the whole run. The "
-            "frequency of a Fourier peak is accurate to half a frequency interval.",
+            "components. If the file has no ground acceleration, it is the whole run. The "
+            "frequency of a Fourier peak is accurate to half the frequency spacing (±).",
             "note",
         ),
     ]
     for number, name in enumerate(_points(runs)):
-        having = _having(runs, name)
+        with_point = _runs_with_point(runs, name)
         plotted = []
         for kind, draw in (("history", _histories), ("fourier", _spectra)):
-            spec, caption = draw(having, name)
+            spec, caption = draw(with_point, name)
             pictures = _pictures(content, kind, name, number)
             plotted.append(content.drawings.plot(f"{kind}-{number + 1}", spec, caption, pictures))
         pieces.append(details(f"Plots of {name}", plotted, opened=number == 0))
@@ -77,7 +77,7 @@ def displacements(content: Content) -> Section:
 
 
 def response_spectra(content: Content) -> Section:
-    """Return the section with absolute accelerations and response spectra, all in one band."""
+    """Return the section on absolute accelerations and response spectra, with one cut-off."""
     runs = [run for run in content.runs if run.has("histories", "acceleration")]
     runs = [run for run in runs if run.results.rows("histories") > 3]
     title = "Earthquake: accelerations and response spectra"
@@ -89,17 +89,17 @@ def response_spectra(content: Content) -> Section:
     if has_ground_motion(runs[0].results):
         ground = {ground_name(runs[0].results): _spectrum(runs[0], None, band)}
     for number, name in enumerate(_points(runs)):
-        having = _having(runs, name)
-        rows += [_acceleration_row(run, name, band) for run in having]
-        spectra = {run.label: _spectrum(run, name, band) for run in having}
+        with_point = _runs_with_point(runs, name)
+        rows += [_acceleration_row(run, name, band) for run in with_point]
+        spectra = {run.label: _spectrum(run, name, band) for run in with_point}
         spectra |= ground
-        names = components(having)
+        names = components(with_point)
         curves = [
             [(label, PERIODS, v[:, column]) for label, v in spectra.items() if column < v.shape[1]]
             for column in range(len(names))
         ]
         titles = [f"{component} [m/s²]" for component in names]
-        shaded = _unresolved_periods(having)
+        shaded = _unresolved_periods(with_point)
         spec = panels(curves, titles, "period [s]", logarithmic=True, shaded=shaded)
         caption = (
             f"Pseudo-acceleration of oscillators with {100 * SPECTRUM_DAMPING:g} % damping on "
@@ -107,8 +107,8 @@ def response_spectra(content: Content) -> Section:
         )
         for ground_label in ground:
             caption += f", and on the {ground_label} of {runs[0].label}"
-        caption += " (hidden at first)." if ground and len(having) > 1 else "."
-        named = measures.band_name(band, *(run.results for run in having))
+        caption += " (hidden at first)." if ground and len(with_point) > 1 else "."
+        named = measures.band_name(band, *(run.results for run in with_point))
         caption += (
             f" Accelerations are {named}{'; unresolved periods are shaded' if shaded else ''}."
         )
@@ -125,14 +125,14 @@ def _points(runs: Iterable[Run]) -> list[str]:
     return list(dict.fromkeys(name for run in runs for name in run.results.point_names))
 
 
-def _having(runs: Iterable[Run], name: str) -> list[Run]:
+def _runs_with_point(runs: Iterable[Run], name: str) -> list[Run]:
     return [run for run in runs if name in run.results.point_names]
 
 
 def _peak_rows(runs: Sequence[Run], name: str) -> list[list[Any]]:
     rows = []
     for component in components(runs):
-        for run in _having(runs, name):
+        for run in _runs_with_point(runs, name):
             if component in run.components:
                 until, base = measures.strong_phase_end(run.results), run.relative_to
                 peaks = measures.peaks(run.results, name, strong_until=until, relative_to=base)
@@ -163,7 +163,7 @@ def _histories(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
         return time, 1e3 * u
 
     titles = [f"{component} [mm]" for component in components(runs)]
-    caption = f"Displacement of {name} from the static state over time."
+    caption = f"Displacement of {name} from the static state against time."
     return panels(_curves(runs, name, history), titles, "time [s]"), caption
 
 
@@ -199,7 +199,7 @@ def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]
 
 
 def _unresolved_periods(runs: Sequence[Run]) -> tuple[float, float] | None:
-    """Return the range of periods that are too short for some run [s], or None."""
+    """Return the range of periods that at least one run does not resolve [s], or None."""
     lowest, _ = measures.resolved_frequencies(*(run.results for run in runs)).lowest
     ends = float(PERIODS[0]), float(min(1.0 / lowest, PERIODS[-1]))
     return ends if ends[0] < ends[1] else None

@@ -61,13 +61,13 @@ def energies(content: Content) -> Section:
     rows = [[text, *(s.get(key) for s in summaries)] for key, text in _ERRORS.items()]
     unstated = [", ".join(s.get("laws_without_losses") or ()) or None for s in summaries]
     if any(unstated):
-        rows.append(["the balance leaves out joints with the laws", *unstated])
+        rows.append(["the balance excludes joints with the laws", *unstated])
     pieces = [
         table("Energy balance", _head("", content), rows),
         paragraph(
             "The energy error is stored energy − stored energy at the start − input + energy "
-            "dissipated by damping and friction. For an energy-consistent scheme it is rounding, "
-            "about 1e-14. The local error is an estimate of the error of a single step.",
+            "dissipated by damping and friction. With an energy-consistent scheme only rounding, "
+            "about 1e-14, remains. The local error is an estimate of the error of a single step.",
             "note",
         ),
     ]
@@ -83,22 +83,22 @@ def energies(content: Content) -> Section:
         titles = [f"energy [{unit}]", "error [J]"]
         spec = panels(curves, titles, "time [s]", shown=len(values))
         picture = content.save(f"energies_{number + 1}", plots.energies(run.results))
-        caption = f"Energies of {run.label} over time, and their error."
+        caption = f"Energies of {run.label} against time, and the energy error."
         through = waves_at_end(run.results)
         if through is not None:
             joule, unit = plots.energy_unit(max(map(abs, through)))
             incoming, outgoing = (plain(energy / joule) for energy in through)
             caption += (
-                " Waves is the energy that came in through absorbing boundaries of rock or water "
-                f"minus the energy that went out: {incoming} minus {outgoing} {unit} at the end. "
-                "Input and viscous do not include these boundaries."
+                " The curve waves is the energy that entered through absorbing boundaries of rock "
+                f"or water minus the energy that left: {incoming} minus {outgoing} {unit} at the "
+                "end. The curves input and viscous do not include these boundaries."
             )
         pieces.append(content.drawings.plot(f"energies-{number + 1}", spec, caption, [picture]))
     return Section("energies", "Energies", pieces)
 
 
 def convergence(content: Content) -> Section:
-    """Return the section on iterations and joint states over time."""
+    """Return the section on the iterations and joint states of each step."""
     runs = [run for run in content.runs if run.has("histories", "iterations", "joint_open")]
     if not runs:
         return nothing("iterations", "Iterations and joint states", "histories")
@@ -118,7 +118,7 @@ def convergence(content: Content) -> Section:
     if content.main in runs and content.main.results.joints:
         pictures.append(content.save("joint_states", plots.joint_states(content.main.results)))
     states = ", ".join(row.label for row in rows)
-    caption = f"Iterations of each step, and shares of joint points: {states}; without tied points."
+    caption = f"Iterations of each step, and shares of joint points without tied ones: {states}."
     return Section(
         "iterations",
         "Iterations and joint states",

@@ -137,10 +137,10 @@ def components(runs: Iterable[Run]) -> list[Component]:
 
 
 def linear_and_jointed(runs: Sequence[Run]) -> tuple[Run | None, Run]:
-    """Return the reference and the main run.
+    """Return the reference run, or None, and the main run.
 
-    They are the runs without and with joints if there are just these two, and otherwise None and
-    the first run with joints. Runs with dynamic stages have precedence.
+    If there are only two runs, one with joints, the other one is the reference. Otherwise the
+    result is None and the first run with joints. Runs with dynamic stages have precedence.
     """
     moving = [run for run in runs if not run.static_alone] or list(runs)
     with_joints = [run for run in moving if run.results.joints]
@@ -190,9 +190,9 @@ def _names(paths: Sequence[Path]) -> list[str]:
     short = [path.with_suffix("") if path.suffix in _ENDINGS else path for path in paths]
     parts = [path.parts for path in (short if len(set(short)) == len(short) else paths)]
     names = []
-    for own in parts:
+    for path_parts in parts:
         count = 1
-        while sum(other[-count:] == own[-count:] for other in parts) > 1:
+        while sum(other[-count:] == path_parts[-count:] for other in parts) > 1:
             count += 1
-        names.append("/".join(own[-count:]))
+        names.append("/".join(path_parts[-count:]))
     return names

@@ -20,10 +20,10 @@ from dolfinx_joints.report.runs import Content, Run, nothing
 from dolfinx_joints.results.quantities import TABLE, rows_below
 
 _ENERGIES_NOTE = (
-    "Energies are zero in the unloaded body. Numerical is the energy that joints lose (gain, if "
-    "negative) because the displacement path within a load increment is straight. Released is the "
-    "work of the out-of-balance forces along the increments; it is part of friction and numerical. "
-    "More load steps reduce it unless the structure jumps."
+    "Energies are zero in the unloaded body. Numerical energy is lost in joints (gained if "
+    "negative) because the displacement path within a load increment is straight. Released energy "
+    "is the work of the out-of-balance forces along the increments; friction and numerical energy "
+    "include it. More load steps reduce it unless the structure jumps."
 )
 
 # Energies below this fraction of the largest one are rounding errors and shown as zero.
@@ -63,20 +63,20 @@ def _pictures(content: Content) -> list[Html]:
         path = content.save(f"static_{number + 1}", drawn, dpi=90)
         pictures.append(content.drawings.picture(path, f"{run.label} after {name}"))
     caption = f"{run.label} after each static stage, from downstream."
-    if _any_lacks(run, "absent"):
+    if _any_stage_lists(run, "absent"):
         caption += " Blocks that are absent in a stage are drawn undeformed."
     return [figure(pictures, caption + gaps_note(run))]
 
 
-def _any_lacks(run: Run, *what: str) -> bool:
-    """Return True if any static stage has inactive joints or absent blocks, as named."""
+def _any_stage_lists(run: Run, *kinds: str) -> bool:
+    """Return True if a static stage lists joints as "inactive" or blocks as "absent", as named."""
     acting = (run.results.metadata.get("manifest") or {}).get("static_stages", {})
-    return any(f"; {word}: " in text for text in acting.values() for word in what)
+    return any(f"; {word}: " in text for text in acting.values() for word in kinds)
 
 
 def gaps_note(run: Run) -> str:
     """Return a note on gaps between blocks that moved independently, or an empty text."""
-    if not _any_lacks(run, "inactive", "absent"):
+    if not _any_stage_lists(run, "inactive", "absent"):
         return ""
     return (
         " Displacements are relative to the unloaded body: gaps between blocks that moved apart "
@@ -140,14 +140,14 @@ def _tables(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
 
 
 def _energies(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
-    """Return a table of a run's energies without columns of zeros, empty without energies."""
+    """Return a table of a run's energies without zero columns, or [] without energies."""
     energies = [(stage.name, stage.energy) for stage in static_stages if stage.energy is not None]
     if not energies:
         return []
     rows = [_by_column(energy) for _, energy in energies]
     columns = [name for name in rows[0] if any(row[name] for row in rows)]
     joule, unit = energy_unit(max((abs(row[name]) for row in rows for name in columns), default=0))
-    head = ["stage", *(f"{name} [{unit}]" for name in columns), "balance error / largest [%]"]
+    head = ["stage", *(f"{name} [{unit}]" for name in columns), "error / largest energy [%]"]
     cells = [
         [name, *(row[column] / joule for column in columns), 100.0 * energy.relative_error]
         for (name, energy), row in zip(energies, rows, strict=True)

@@ -30,13 +30,13 @@ def write(
 ) -> Path:
     """Write a report on the runs of one or several results files.
 
-    The file ``out`` is complete. The pictures of its plots are also written to the folder
+    The file ``out`` needs no other file. Pictures of its plots are also written to the folder
     `picture_folder` next to it.
 
     Args:
         results: The files, in the order of the report.
         out: The HTML file; replaced if it exists.
-        with_3d: Include the 3-D view and the pictures of the body, most of the file's size.
+        with_3d: Include the 3-D view and pictures of the body, the largest part of the file.
         add: Function that returns further sections and the runs to compare.
 
     Returns:
@@ -50,7 +50,7 @@ def write(
         raise ResultsError(f"A report needs a file name that ends in .html, got {target}.")
     _check_packages()
     muted = warnings.catch_warnings(action="ignore", category=PlausibilityWarning)
-    with opened(results) as runs, _written(target), muted:  # the page lists them
+    with opened(results) as runs, _written(target), muted:  # the report lists the warnings
         target.parent.mkdir(parents=True, exist_ok=True)
         added = add(runs) if add else Addition()
         reference, main = linear_and_jointed(runs)

@@ -147,7 +147,7 @@ def _solve_directly(
     for omega in omegas:
         rhs = force.copy()
         if coupled is not None:
-            rhs[coupled.dry :] = coupled.harmonic_push(omega, along)
+            rhs[coupled.dry :] = coupled.harmonic_force(omega, along)
         x = matrix.solve(omega, rhs)
         displacements.append(reader.read(x))
         if coupled is not None:

@@ -34,7 +34,7 @@ from dolfinx_joints.study.table import Row
 
 Function = Callable[..., Mapping[str, Any]]
 _LONGEST_REASON = 2000  # characters
-# Environment variables of MPI launchers; removed, because a case is not part of the MPI job.
+# Environment variables of MPI launchers. They are removed: a case is not part of the MPI job.
 _MPI = ("OMPI_", "PMI_", "PMIX_", "PRTE_", "HYDRA_", "HYDI_", "MPI_LOCAL")
 _running: set[subprocess.Popen[bytes]] = set()
 
@@ -49,7 +49,7 @@ def packed(function: Function) -> bytes:
 def run_case(name: str, work: bytes, folder: str, parameters: Mapping[str, Any]) -> Row:
     """Run a case in an empty folder and a new interpreter; return its row.
 
-    ``work`` is the `packed` function. If a killed runner left the same case running, wait for it.
+    ``work`` is the `packed` function. If a killed runner left this case running, wait for its end.
     """
     if parent := multiprocessing.parent_process():
         threading.Thread(target=_end_with_the_runner, args=(parent,), daemon=True).start()

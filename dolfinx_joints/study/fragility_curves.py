@@ -43,7 +43,7 @@ class Fragility:
         return np.asarray(norm.cdf(logarithm / self.dispersion))
 
     def draw(self, label: str, *, ax: Axes | None = None) -> Axes:
-        """Draw the curve and the runs, at 0 or 1; ``label`` is the intensity with its unit."""
+        """Draw the curve and the fraction of each run; ``label`` is the intensity with its unit."""
         from dolfinx_joints.postprocessing.axes import decorate, legend, new_axes
         from dolfinx_joints.postprocessing.palette import BLUE
 
@@ -64,13 +64,13 @@ def fragility(intensity: ArrayLike, exceeded: ArrayLike) -> Fragility:
 
     Args:
         intensity: Intensity of each run, positive, such as a column of `MotionSuite.table`.
-        exceeded: Whether each run exceeded the limit, or the fraction of runs at this intensity
-            that did, from 0 to 1; of the same shape.
+        exceeded: Whether each run exceeded the limit, or the fraction of the runs at this intensity
+            that exceeded the limit, from 0 to 1; of the same shape.
 
     Raises:
-        ValueError: A shape or value is not allowed, or the runs do not determine the curve. This
-            is so if no run exceeds the limit, if all do, if exactly the runs above an intensity
-            do, or if exceedances do not increase with intensity.
+        ValueError: A shape or value is not allowed, or the runs do not determine the curve: no run,
+            every run, or exactly the runs above some intensity exceed the limit, or exceedances do
+            not increase with intensity.
     """
     flags = np.asarray(exceeded)
     x = numbers_of(intensity)
@@ -112,12 +112,12 @@ def _fitted(x: Floats, share: Floats) -> Fragility:
     logarithm = np.log(x)
     middle, width = float(logarithm.mean()), float(logarithm.std())
 
-    def unlikely(parameters: Any) -> float:  # convex in level and slope, not in median, dispersion
+    def misfit(parameters: Any) -> float:  # -log likelihood; convex in level and slope
         z = parameters[0] + parameters[1] * (logarithm - middle) / width
         return -float(share @ norm.logcdf(z) + (1.0 - share) @ norm.logsf(z))
 
     limits = {"xatol": 1e-10, "fatol": 1e-13}
-    level, slope = minimize(unlikely, [0.0, 1.0], method="Nelder-Mead", options=limits).x
+    level, slope = minimize(misfit, [0.0, 1.0], method="Nelder-Mead", options=limits).x
     dispersion = float(width / slope)
     median = float(np.exp(middle - level * dispersion))
     return Fragility(median=median, dispersion=dispersion, intensity=x, exceeded=share)

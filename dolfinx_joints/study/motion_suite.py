@@ -55,7 +55,7 @@ class MotionSuite(Summarised):
     """Runs of one model from one static state, each under a separate ground motion.
 
     The runs share the bulk's factor and the joint compliance. Linear systems of all runs are solved
-    as blocks, which is several times faster than one by one. The joints of each run iterate
+    as blocks, which is several times faster than one solve per run. The joints of each run iterate
     independently, so its results equal those of a single run to rounding. Each run writes a results
     file ``NAME.h5`` and, until it ends, a checkpoint ``NAME.checkpoint``. A suite that was killed
     continues from the checkpoints.
@@ -104,13 +104,13 @@ class MotionSuite(Summarised):
         rerun_changed: bool = False,
         **options: Any,
     ) -> Tally:
-        """Run the motions that have no complete results yet, each to its end (collective).
+        """Run all motions without complete results to their ends (collective).
 
         Complete runs are not repeated if the model, its static state or ``options`` change.
 
         Args:
             dt: Time step [s].
-            at_once: Number of concurrent runs; each stores about 20 vectors.
+            at_once: Number of concurrent runs; each run stores about 20 vectors.
             checkpoint_every: Steps between two checkpoints of a run.
             rerun_changed: Repeat runs whose motion or time step has changed (otherwise an error),
                 and restart incomplete runs whose model, points or ``options`` have changed
@@ -142,7 +142,7 @@ class MotionSuite(Summarised):
         failed = {n: str(end) for n, end in outcomes.items() if type(end) in OF_ONE}
         for end in outcomes.values():
             if isinstance(end, Exception) and type(end) not in OF_ONE:
-                raise end  # such as a wrong point or a full disk: it concerns all runs
+                raise end  # an error that affects all runs, such as a wrong point or a full disk
         done = [name for name in waiting if name not in failed]
         skipped = [name for name in states if name not in waiting]
         return Tally(done=done, failed=failed, skipped=skipped, failed_before={}, remarks={})
@@ -244,7 +244,7 @@ class MotionSuite(Summarised):
         rerun_changed: bool,
         options: Mapping[str, Any],
     ) -> Any:
-        """Return a function that runs a motion."""
+        """Return a function that runs the model under a motion."""
         given, motion = self._simulation, self.motions[name]
         # Do not add a step if the duration exceeds the last step only by rounding.
         steps = max(math.ceil(motion.duration / dt * (1.0 - 1e-12)), 1)

@@ -120,11 +120,11 @@ class Study(Summarised):
 
     def _summary(self) -> Rows:
         rows = self._rows()
-        known = [rows[name]["status"] for name in self.cases if name in rows]
+        statuses = [rows[name]["status"] for name in self.cases if name in rows]
         yield "folder", self.path
         yield "function", self._function.__name__
         yield "cases", f"{len(self.cases)}: {names(self.cases)}"
-        yield "finished", f"{known.count('complete')}, {known.count('failed')} failed"
+        yield "finished", f"{statuses.count('complete')}, {statuses.count('failed')} failed"
 
     @checked
     def run(
@@ -145,7 +145,7 @@ class Study(Summarised):
             workers: Number of simultaneous cases without an executor.
             only: Names of the cases to run, all by default.
             retry_failed: Run failed cases again.
-            rerun_changed: Run cases with changed parameters again; otherwise they are an error.
+            rerun_changed: Run cases with changed parameters again; otherwise raise an error.
             progress: Show a progress bar.
 
         Raises:
@@ -245,7 +245,7 @@ class Study(Summarised):
                 future.cancel()
 
     def _row(self, name: str, future: Future[Row]) -> Row:
-        """Return the row of a case, even if its worker crashed or could not receive it."""
+        """Return a case's row, even if its worker crashed or the row could not be received."""
         try:
             return future.result()
         except Exception as error:
@@ -266,10 +266,10 @@ def _checked_case(function: Function, name: str, parameters: Mapping[str, Any]) 
     """Check the parameters of a case; return them as JSON restores them."""
     check_name(f"The case {name!r}", name)
     if taken := parameters.keys() & set(OWN_COLUMNS):
-        raise ValueError(f"The parameter {min(taken)!r} has the name of a column of the study.")
+        raise ValueError(f"The parameter {min(taken)!r} has the name of a column of the table.")
     try:
         signature(function).bind(Path(), **parameters)
         kept: dict[str, Any] = json.loads(json.dumps(dict(parameters), allow_nan=False))
     except (TypeError, ValueError) as error:
-        raise ValueError(f"The parameters of the case {name!r} do not fit: {error}.") from None
+        raise ValueError(f"The parameters of the case {name!r} are wrong: {error}.") from None
     return kept

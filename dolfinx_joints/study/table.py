@@ -94,8 +94,8 @@ def reason_of(row: Row, names: Mapping[str, str]) -> str:
     """Return the reason of a failure, or remarks on values that are in other columns."""
     moved = [name for name in row["values"] if names[name] != name]
     texts = [
-        f"The name of the value {name!r} is already used by another column; it is in the column "
-        f"{names[name]!r}."
+        f"The name of the value {name!r} is already used by another column; the value is in "
+        f"the column {names[name]!r}."
         for name in moved
     ]
     return " ".join([*([row["reason"]] if row["reason"] else []), *texts])

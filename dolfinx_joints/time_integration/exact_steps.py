@@ -85,7 +85,7 @@ def add_modes(
     products.mass.getArray()[:] += inertia
     force = effective.mass * inertia
     if np.any(step.more_damping):
-        force += step.modes.weighed(effective.damping * step.more_damping * modal)
+        force += step.modes.mass_times_modes(effective.damping * step.more_damping * modal)
         products.viscous += effective.damping * float(step.more_damping @ modal**2)
     products.reaction.getArray()[fixed] += force[fixed]
     force[fixed] = 0.0
@@ -93,10 +93,10 @@ def add_modes(
 
 
 def _inertia(step: ModalStep, x: PETSc.Vec, modal: Floats) -> Floats:
-    """Return the contribution of the modal masses m' to M x, at the owned rows (collective)."""
-    inertia = step.modes.weighed((step.mass - 1.0) * modal + step.of_supports(x))
-    step.modes.add_at_supports((step.root - 1.0) * modal, inertia)
-    return inertia
+    """Return the change of M x by m' at the owned rows (collective)."""
+    change = step.modes.mass_times_modes((step.mass - 1.0) * modal + step.of_supports(x))
+    step.modes.add_at_supports((step.root - 1.0) * modal, change)
+    return change
 
 
 class LoadKick:
@@ -118,7 +118,7 @@ class LoadKick:
         """Add the kick to a velocity, and the modified mass M' times the kick to a momentum."""
         step, kick = self._step, self.of_patterns.sum(axis=1)
         velocity.getArray()[:] += step.modes.combined(kick)
-        momentum.getArray()[:] += step.modes.weighed(step.mass * kick)
+        momentum.getArray()[:] += step.modes.mass_times_modes(step.mass * kick)
         step.modes.add_at_supports(step.root * kick, momentum.getArray())
 
     def work(

@@ -208,7 +208,7 @@ class _Step:
         system, before, exact = self._system, self._before, self._exact
         loads = system.work_of_loads(self.x, before.time, self._time)
         if exact is not None:
-            of_supports = self._dt * exact.modes.carried(exact.used, after.acceleration)
+            of_supports = self._dt * exact.modes.support_amounts(exact.used, after.acceleration)
             kicks = self._prescribed.works(self._modal, self._modal_rates, self._rate, of_supports)
             for name, kick_work in kicks.items():
                 loads[name] += kick_work

@@ -93,7 +93,7 @@ def test_a_linear_displacement_of_the_boundary_is_that_of_the_body(two_rectangle
         ),
         (
             lambda: dj.Prescribed(group="top", component="x", value=lambda x, t: x[:, :2]),
-            "prescribed on 'top' at t = 0 s gave an array of shape",
+            "prescribed on 'top' at t = 0 s is an array of shape",
         ),
     ],
 )

@@ -239,7 +239,7 @@ def test_a_pressure_below_zero_by_rounding_is_zero():
     closed = water(4e-12).pressure(np.zeros(len(model.operator.points), dtype=np.int8))
     expected = GAMMA * (LENGTH - model.operator.points[:, 0])
     np.testing.assert_array_equal(closed, np.maximum(expected, 0.0))
-    with pytest.raises(ValueError, match="it must give one finite number of zero or more"):
+    with pytest.raises(ValueError, match="it must be one finite number of zero or more"):
         water(4e-5)
 
 
@@ -691,11 +691,11 @@ def test_bad_parameters(make, sentence):
         ),
         (
             [dj.Uplift(joint="joint", pressure=lambda x: np.ones((len(x), 2)))],
-            "Uplift in 'joint': pressure gave an array of shape",
+            "Uplift in 'joint': pressure is an array of shape",
         ),
         (
             [dj.JointWater(joint="joint", level=1.0, closed=lambda x: np.full(len(x), -4.0))],
-            "it must give one finite number of zero or more for each.",
+            "it must be one finite number of zero or more for each of the",
         ),
         (
             [dj.JointWater(joint="joint", level=1.0, reached_from="top")],

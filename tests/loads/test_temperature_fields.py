@@ -248,10 +248,10 @@ def test_refusals(wall):
     jointed = wall()
     for faces, message in (
         ({}, "faces is {}; it must be a temperature per facet group"),
-        ({"y_min": "cold"}, "The temperature of 'y_min' gave 'cold'"),
+        ({"y_min": "cold"}, "The temperature of 'y_min' is 'cold'"),
         (
             {"y_min": lambda x: x},
-            r"The temperature of 'y_min' gave an array of shape \(\d+, 3\); for \d+ points",
+            r"The temperature of 'y_min' is an array of shape \(\d+, 3\); it must be one",
         ),
         ({"x_min": 4.0}, "A block has no face with a given temperature, and no joint conducts"),
     ):

@@ -55,16 +55,16 @@ def test_other_units_are_told_of(comm, wall):
         loads=[dj.Gravity(), water, dj.Temperature(value=5.0, reference=10.0, expansion=10.0)],
     )
     assert found == [
-        "Elastic: young is 25 Pa; usual is 1e+06 to 1e+17 Pa; is it in GPa?",
-        "Elastic: density is 2.4 kg/m^3; usual is 100 to 12000 kg/m^3; is it in t/m^3?",
-        "FrictionNoTension of joint_1 and 1 more: normal_stiffness is 100 Pa/m; usual is 1e+06 to "
+        "Elastic: young is 25 Pa; usual: 1e+06 to 1e+17 Pa; is it in GPa?",
+        "Elastic: density is 2.4 kg/m^3; usual: 100 to 12000 kg/m^3; is it in t/m^3?",
+        "FrictionNoTension of joint_1 and 1 more: normal_stiffness is 100 Pa/m; usual: 1e+06 to "
         "1e+20 Pa/m; is it in GPa/m?",
-        "FrictionNoTension of joint_1 and 1 more: friction_angle_deg is 0.6 degrees; usual is 2 "
+        "FrictionNoTension of joint_1 and 1 more: friction_angle_deg is 0.6 degrees; usual: 2 "
         "to 90 degrees; is it in radians?",
-        "FrictionNoTension of joint_3: friction_coefficient is 35; usual is 0 to 10; is it in "
+        "FrictionNoTension of joint_3: friction_coefficient is 35; usual: 0 to 10; is it in "
         "degrees?",
-        "HydrostaticPressure: density is 1 kg/m^3; usual is 100 to 12000 kg/m^3; is it in t/m^3?",
-        "Temperature: expansion is 10 1/K; usual is 1e-07 to 0.0001 1/K; is it in 1e-6/K?",
+        "HydrostaticPressure: density is 1 kg/m^3; usual: 100 to 12000 kg/m^3; is it in t/m^3?",
+        "Temperature: expansion is 10 1/K; usual: 1e-07 to 0.0001 1/K; is it in 1e-6/K?",
     ]
 
 
@@ -125,7 +125,7 @@ def test_water_that_misses_the_body(comm, wall, level, strange):
         joints=dj.FrictionNoTension(**JOINT, friction_angle_deg=30.0),
         loads=[water],
     )
-    text = f"HydrostaticPressure: level is {level:g} m; the body is between 0 and 20 m."
+    text = f"HydrostaticPressure: level is {level:g} m; the body extends from 0 to 20 m."
     assert found == ([text] if strange else [])
 
 
@@ -159,7 +159,7 @@ def test_water_that_misses_its_face(comm, level, strange):
     )
     water = dj.HydrostaticPressure(group="upstream", level=level)
     found = told(comm, jointed=body, material=dj.Elastic(**CONCRETE), loads=[water])
-    text = "HydrostaticPressure: level is 76 m; the group 'upstream' begins at 100 m."
+    text = "HydrostaticPressure: level is 76 m; the lowest point of group 'upstream' is at 100 m."
     assert found == ([text] if strange else [])
 
 
@@ -184,7 +184,7 @@ def test_loads_on_nothing(comm, wall):
     water = dj.JointWater(joint="joint_1", level=-2.0)
     deep = dj.SeepageLine(start=(0, 0, 0), end=(1, 0, 0), upstream=-1.0, downstream=-2.0)
     low = told(comm, **given, loads=[water])
-    assert low == ["JointWater: level is -2 m; the body is between 0 and 20 m."]
+    assert low == ["JointWater: level is -2 m; the body extends from 0 to 20 m."]
     supports = [dj.Fixed(group="base")]
     for load, name in (
         (dj.Uplift(joint="joint_1", pressure=deep), "Uplift_joint_1"),
@@ -216,7 +216,7 @@ def test_a_mesh_in_millimetres_and_the_switch(comm):
     )
     options = {"jointed": body, "material": dj.Elastic(**CONCRETE)}
     assert told(comm, **options) == [
-        "The mesh: extent is 80000 m; usual is 0.01 to 20000 m; is it in mm?"
+        "The mesh: extent is 80000 m; usual: 0.01 to 20000 m; is it in mm?"
     ]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -243,5 +243,5 @@ def test_grout_pressures_in_other_units(comm):
         warn_of_grout(comm, 5e5)
         assert caught == []
         warn_of_grout(comm, 0.5)
-    expected = "grout: pressure is 0.5 Pa; usual is 1000 to 3e+07 Pa; is it in MPa?"
+    expected = "grout: pressure is 0.5 Pa; usual: 1000 to 3e+07 Pa; is it in MPa?"
     assert [str(each.message) for each in caught] == [expected] * (comm.rank == 0)

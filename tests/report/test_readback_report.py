@@ -102,7 +102,7 @@ def test_pictures_of_histories_show_what_their_captions_say(
     folder = runs["a"].path.parent
     drawn = {path.stem: each for path, each in PICTURES.items() if path.is_relative_to(folder)}
     for number, point in enumerate(POINTS, 1):
-        assert f"<figcaption>Displacement of {point} from the static state over time." in html
+        assert f"<figcaption>Displacement of {point} from the static state against time." in html
         for component in "xyz":
             ax = drawn[f"history_{number}_{component}"]
             assert ax.get_ylabel().startswith(f"displacement {component}\nfrom the static state [")
@@ -287,8 +287,8 @@ def test_energies_of_a_reservoir_are_told_apart_from_its_waves(tmp_path: Path) -
         writer.finish("complete", {})
     html = report.write([path], tmp_path / "out.html", with_3d=False).read_text(encoding="utf-8")
     assert (
-        "came in through absorbing boundaries of rock or water minus the energy that went "
-        "out: 0 minus 2 kJ at the end"
+        "entered through absorbing boundaries of rock or water minus the energy that left: "
+        "0 minus 2 kJ at the end"
     ) in html
     ax = PICTURES[tmp_path / "out_files" / "energies_1.png"]
     assert ax.get_ylabel() == "energy [kJ]"

@@ -161,7 +161,7 @@ def test_a_run_killed_before_its_start_is_reported(tmp_path: Path) -> None:
         "os.kill(os.getpid(), signal.SIGKILL)"
     )
     subprocess.run([sys.executable, "-c", code, str(tmp_path / "r.h5")], check=False)
-    with pytest.raises(ResultsError, match="not started or ended before writing it"):
+    with pytest.raises(ResultsError, match="did not start, or ended before writing it"):
         Results(tmp_path / "r.h5")
 
 

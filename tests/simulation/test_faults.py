@@ -58,7 +58,7 @@ def other_run(tmp_path):
 
 def test_a_results_file_has_one_writer(other_run):
     process, path = other_run
-    sentence = rf"run\.h5 is being written by process {process.pid} on \S+; wait for it, end it"
+    sentence = rf"run\.h5 is being written by process {process.pid} on \S+; wait until it ends"
     with pytest.raises(ResultsError, match=sentence):
         ResultsWriter(path, {}, overwrite=True)
     with pytest.raises(ResultsError, match=sentence):

@@ -38,7 +38,7 @@ def wall(wall_file, read):
                     shaken_wall.LAW, initial_gaps={"joint_1": lambda x: np.zeros((2, 2))}
                 )
             },
-            "gave an array of shape",
+            "is an array of shape",
         ),
         (
             {"loads": [dj.FormLoad(form=lambda v: None)]},
@@ -46,7 +46,7 @@ def wall(wall_file, read):
         ),
         (
             {"body": dj.Body(extra_stiffness=lambda u, v: v[0] * ufl.dx)},
-            "extra_stiffness must give a bilinear UFL form",
+            "extra_stiffness must return a bilinear UFL form",
         ),
         ({"loads": dj.Gravity()}, "loads is Gravity.*; it must be a sequence of values"),
         ({"damping": 0.05}, "it must be a Rayleigh"),

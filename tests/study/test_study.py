@@ -268,9 +268,9 @@ def test_a_finished_case_is_kept_whatever_its_values_are_called(tmp_path):
     np.testing.assert_array_equal(table["base"], [3.0, np.nan])
     np.testing.assert_array_equal(table["base (value)"], [np.nan, 7.0])
     for text in (tally.remarks["low"], low["reason"], str(tally)):
-        assert "'height' is already used by another column; it is in the column" in text
+        assert "'height' is already used by another column; the value is in the column" in text
         assert "'vector' must be a number or a text, not array([0., 0., 0.])" in text
-    assert tally.remarks["high"].endswith("it is in the column 'base (value)'.")
+    assert tally.remarks["high"].endswith("the value is in the column 'base (value)'.")
     log = (tmp_path / "s" / "cases" / "low" / "log.txt").read_text()
     assert "'vector': array([0., 0., 0.])" in log
 
@@ -288,9 +288,9 @@ def test_changed_parameters_are_run_again_only_if_asked(tmp_path):
 @pytest.mark.parametrize(
     ("function", "cases", "message"),
     [
-        (square, {"a": {"x": 1, "z": 2}}, "'a' do not fit: got an unexpected keyword argument 'z'"),
-        (square, {"a": {}}, "'a' do not fit: missing a required .*argument: 'x'"),
-        (square, {"a": {"x": np.zeros(2)}}, "'a' do not fit: Object of type ndarray"),
+        (square, {"a": {"x": 1, "z": 2}}, "'a' are wrong: got an unexpected keyword argument 'z'"),
+        (square, {"a": {}}, "'a' are wrong: missing a required .*argument: 'x'"),
+        (square, {"a": {"x": np.zeros(2)}}, "'a' are wrong: Object of type ndarray"),
         (square, [1, 2], "Study: cases is .1, 2.; it must be parameters by name of the case"),
         (square, {"a/b": {"x": 1}}, "The case 'a/b' must have a name of letters"),
         (square, {"a": {"case": 1}}, "The parameter 'case' has the name of a column"),

@@ -165,8 +165,8 @@ def test_a_run_with_other_initial_fields_is_not_resumed(new_path):
         ({"velocity": (1.0, 0.0)}, "differs by 1 m/s from the velocity of the supports"),
         ({"displacement": (1.0, 0.0)}, "displacements of the supports at t = 0 s differ"),
         ({"velocity": (1.0, 0.0, 0.0)}, "velocity is .* it must be 2 finite numbers"),
-        ({"velocity": lambda x: x[:, 0]}, "velocity gave an array of shape"),
-        ({"displacement": lambda x: np.nan * mode(x)}, "displacement gave an array of shape"),
+        ({"velocity": lambda x: x[:, 0]}, "velocity returned an array of shape"),
+        ({"displacement": lambda x: np.nan * mode(x)}, "displacement returned an array of shape"),
         ({"velocity": ufl.as_vector([1.0, 0.0])}, "on the model's mesh"),
     ],
 )

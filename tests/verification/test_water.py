@@ -324,7 +324,7 @@ def test_refusals(wall, read, wall_file):
     """One sentence each, on all ranks."""
     with pytest.raises(ValueError, match="depth is 0 m; it must be positive"):
         dj.WestergaardMass(group="x_min", level=1.0, depth=0)
-    with pytest.raises(ValueError, match="it must give one finite number of zero or more"):
+    with pytest.raises(ValueError, match="it must be one finite number of zero or more"):
         dj.WestergaardMass(group="x_min", level=5.0, depth=lambda x: -x[:, 2]).matrix(wall)
     # 4 x 1 x 3 cells: a plane across them has 3 facets, each with a cell on both sides.
     whole, within = read(wall_file(), joints=[]), dj.HydrostaticPressure(group="joint_1", level=5.0)

@@ -267,7 +267,7 @@ def test_who_deletes_a_lock_that_was_waited_for_does_not_make_two_owners(tmp_pat
 def test_a_lock_that_cannot_be_written_is_reported(tmp_path):
     (tmp_path / "r.h5.lock").symlink_to("/dev/full")
     with pytest.raises(
-        ResultsError, match=r"r\.h5 cannot be created: [\w ]+ \(r\.h5\.lock beside it\)\.$"
+        ResultsError, match=r"r\.h5 cannot be created: [\w ]+ \(r\.h5\.lock next to it\)\.$"
     ):
         FileLock(tmp_path / "r.h5", ResultsError)
 

@@ -197,7 +197,7 @@ def test_a_mass_that_strikes_a_stop(gap):
 
 
 def test_lengths_of_steps_keep_the_energy_of_the_body():
-    # Velocities are rescale for each length, and back where a scheme without exact modes goes on.
+    # Velocities are scaled for each length, and back if a scheme without exact modes follows.
     system, _, shape, _ = rods(1e6)
     states, ledger = march(system, [0.1, 0.05, 0.2, 0.025] * 5, exact=4, v0=shape)
     assert ledger.relative_imbalance < 1e-12

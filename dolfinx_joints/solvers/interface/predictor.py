@@ -50,7 +50,7 @@ class AcceptedForces:
             (f0, s0), (f1, s1) = self._forces
             line = 2.0 * f1 - f0, 2.0 * s1 - s0
             at = step.evaluate(*line)
-            if at.max_residual <= limits.ON_LINE * at.largest:
+            if at.max_residual <= limits.ON_LINE * at.max_force:
                 return line
         return elastic_predictor(step, traction)
 

@@ -135,7 +135,7 @@ class InterfaceSolver(StepSolver):
             self._refine_displacement(condensed, b, x)
             start = self._last[1:]
             if condensed.springs is not None and step.is_balanced(at := step.evaluate(*start)):
-                response, relative = step.response(at), at.max_residual / (at.largest or 1.0)
+                response, relative = step.response(at), at.max_residual / (at.max_force or 1.0)
                 solved = replace(solved, response=response, relative=relative)
                 break
             refined = self._iterate(step, [start])

@@ -58,7 +58,7 @@ class JointSprings:
         """Return normal and tangential values, shape (n, 2), for three directions, shape (n, 3)."""
         return np.repeat(values, (1, 2), axis=1)
 
-    def compliance_without(self, compliance: Floats) -> Floats:
+    def compliance_without_springs(self, compliance: Floats) -> Floats:
         """Return the compliance c' of the law, shape (n, 2), [m/Pa].
 
         Args:
@@ -66,7 +66,9 @@ class JointSprings:
         """
         return compliance / (1.0 - self.stiffness * compliance)
 
-    def trial_gap_without(self, trial_gap: Floats, compliance: Floats, before: Floats) -> Floats:
+    def trial_gap_without_springs(
+        self, trial_gap: Floats, compliance: Floats, before: Floats
+    ) -> Floats:
         """Return the trial gap h' of the law, shape (n, 3), [m].
 
         Args:
@@ -77,7 +79,7 @@ class JointSprings:
         share = self._in_three_directions(self.stiffness * compliance)
         return (trial_gap - share * before) / (1.0 - share)
 
-    def traction_without(
+    def traction_without_springs(
         self, traction: Floats, tangent: Floats, gap: Floats, compliance: Floats, before: Floats
     ) -> tuple[Floats, Floats]:
         """Return the traction t' and its derivative by h, shapes (n, 3) and (n, 3, 3).

@@ -1,6 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Elastic predictor: start of a static increment on the branch of the accepted equilibrium."""
+"""Elastic predictor: start of a static increment on the branch of the accepted equilibrium.
+
+The symbols are those of `joint_step`: scaled joint forces f, scaled compliance less the identity S.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +65,8 @@ def elastic_predictor(step: JointStep, traction: Floats) -> tuple[Floats, Floats
 
         f = f0 + T (h(f) - h0)   with   h(f) = g_f - S f,                                   (28e)
 
-    where g_f is the scaled gap without joint forces. Newton's method from f stays on the branch.
+    where g_f is the scaled gap without joint forces, see docs/theory for (28e). Newton's method
+    from f stays on the branch.
 
     Args:
         step: The static increment.

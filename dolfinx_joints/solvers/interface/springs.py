@@ -3,8 +3,11 @@
 """Artificial springs across the joints, which stabilise unsupported blocks in statics.
 
 Their forces are subtracted from the result: (K + B^T w s B) x + B^T w t' = b is solved (27), with
-t' = t - s (g - g0), the spring stiffness s (sigma in the theory) and the gap g0 at the start. With
-the compliance c, springs included, g = h - c t'. The law is evaluated on c' and h' (28),
+t' = t - s (g - g0). K is the stiffness matrix, B the gap operator, w the areas, x the displacement,
+b the load, t the tractions of the laws and g the gaps, g0 at the start of the increment. The spring
+stiffness s is sigma in docs/theory, which has the equations (27) and (28). A point has the
+compliance c, springs included, so g = h - c t' with the gap h without its own traction. The law is
+evaluated without the springs, on c' and h' (28):
 
     g = h' - c' t,   c' = c / (1 - c s),   h' = (h - c s g0) / (1 - c s).
 """

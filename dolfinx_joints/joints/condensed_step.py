@@ -16,7 +16,7 @@ from dolfinx_joints.laws.law import Floats, JointState, Response, Rule
 from dolfinx_joints.laws.points.return_mapping import Answer, solve_points
 
 
-class PointAnswers(NamedTuple):
+class PointResponses(NamedTuple):
     """Responses of all local points at one trial gap.
 
     Attributes:
@@ -38,7 +38,7 @@ class ContactStep:
         comm: Communicator of the ranks.
         compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
         state: State at the start of the step.
-        rule: Rule by which the laws are evaluated.
+        rule: Integration rule of the laws.
     """
 
     def __init__(
@@ -62,32 +62,33 @@ class ContactStep:
                     for part in laws
                 ]
 
-    def answers(self, trial_gap: Floats) -> PointAnswers:
+    def point_responses(self, trial_gap: Floats) -> PointResponses:
         """Return the responses at a trial gap of shape (n, 3), [m] (collective)."""
         if not self._may_fail:
-            return self._answers(trial_gap)
+            return self._point_responses(trial_gap)
         with raised_together(self._comm):
-            return self._answers(trial_gap)
+            return self._point_responses(trial_gap)
 
-    def _answers(self, trial_gap: Floats) -> PointAnswers:
+    def _point_responses(self, trial_gap: Floats) -> PointResponses:
         if len(self._steps) == 1:
             (one,) = by_law = [self._steps[0].answer(trial_gap)]
-            return PointAnswers(one.traction, one.tangent, by_law)
+            return PointResponses(one.traction, one.tangent, by_law)
         traction, tangent = np.zeros((len(trial_gap), 3)), np.zeros((len(trial_gap), 3, 3))
         by_law = []
         for part, step in zip(self._laws, self._steps, strict=True):
             by_law.append(answer := step.answer(trial_gap[part.points]))
             traction[part.points], tangent[part.points] = answer.traction, answer.tangent
-        return PointAnswers(traction, tangent, by_law)
+        return PointResponses(traction, tangent, by_law)
 
-    def response(self, answers: PointAnswers) -> Response:
+    def response(self, point_responses: PointResponses) -> Response:
         """Return the responses of all points as one `Response`."""
         parts = [
-            step.response(answer) for step, answer in zip(self._steps, answers.by_law, strict=True)
+            step.response(answer)
+            for step, answer in zip(self._steps, point_responses.by_law, strict=True)
         ]
         if len(parts) == 1:
             return parts[0]
-        response = empty_response(len(answers.traction), self._state.internal.shape[1])
+        response = empty_response(len(point_responses.traction), self._state.internal.shape[1])
         for part, own_response in zip(self._laws, parts, strict=True):
             part.write_to(own_response, response)
         return response

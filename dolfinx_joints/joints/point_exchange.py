@@ -21,7 +21,7 @@ class PointExchange:
 
     def __init__(self, surface: JointSurface, layout: JointPoints, count: int) -> None:
         number = surface.number
-        order = _order_of_integration(layout.rule, surface.turned)
+        order = _order_of_integration(layout.rule, surface.vertex_order)
         self._point = np.take_along_axis(layout.number[number], order, axis=1).ravel()
         self._share = np.take_along_axis(layout.share[number], order, axis=1).reshape(-1, 1)
         self._comm, self._count = surface.mesh.comm, count
@@ -58,16 +58,16 @@ class PointExchange:
         return self._parts[size]
 
 
-def _order_of_integration(rule: Floats, turned: Ints) -> Ints:
+def _order_of_integration(rule: Floats, vertex_order: Ints) -> Ints:
     """Return the rule point of each quadrature point of an integral, shape (facets, q).
 
     Args:
         rule: Points on the reference facet; each vertex order must give the same set of points.
-        turned: Facet vertices in the order of the integrals, shape (facets, vertices per facet).
+        vertex_order: `IntegratedPairs.vertex_order`, shape (facets, vertices per facet).
     """
-    corners = basix.cell.geometry(facet_cell_type(turned.shape[1]))
-    weights = vertex_functions(turned.shape[1], rule)
-    kinds, of_facet = np.unique(turned, axis=0, return_inverse=True)
+    corners = basix.cell.geometry(facet_cell_type(vertex_order.shape[1]))
+    weights = vertex_functions(vertex_order.shape[1], rule)
+    kinds, of_facet = np.unique(vertex_order, axis=0, return_inverse=True)
     distance = np.linalg.norm((weights @ corners[kinds])[:, :, None] - rule, axis=3)
     if np.any(distance.min(axis=2, initial=np.inf) > 1e-9):
         raise ValueError("The quadrature rule depends on a facet's vertex order; use another rule.")

@@ -34,7 +34,7 @@ class JointSurface:
         joints: Positions of the joints in the list of joint names, ascending.
         cell_tags: Position of each cell's joint, plus one.
         number: Position of the facet pair of each cell on this rank, shape (n,).
-        turned: `IntegratedPairs.turned` of each cell.
+        vertex_order: `IntegratedPairs.vertex_order` of each cell.
         entity_maps: Entity maps for `dolfinx.fem.form`.
     """
 
@@ -59,7 +59,7 @@ class JointSurface:
         order = np.argsort(minus)
         position: Ints = order[np.searchsorted(minus[order], facets)]
         self.number = chosen[position]
-        self.turned = integrated.turned[chosen[position]]
+        self.vertex_order = integrated.vertex_order[chosen[position]]
         cells = np.arange(len(facets), dtype=np.int32)
         tags = (pairs.joint[self.number] + 1).astype(np.int32)
         self.cell_tags = dolfinx.mesh.meshtags(self.mesh, tdim - 1, cells, tags)
@@ -73,7 +73,7 @@ class JointSurface:
         self, quadrature: str | int, degree: int, shape: tuple[int, ...] = ()
     ) -> fem.FunctionSpace:
         """Return the space of values (``shape``) at the quadrature points of `JointedMesh.dS`."""
-        points, weights = facet_rule(self.turned.shape[1], degree, quadrature)
+        points, weights = facet_rule(self.vertex_order.shape[1], degree, quadrature)
         element = basix.ufl.quadrature_element(
             self.mesh.topology.cell_name(), value_shape=shape, points=points.copy(), weights=weights
         )

@@ -59,7 +59,7 @@ class JointFunctions:
         self._exchange = PointExchange(
             self.surface, model.operator.layout, len(model.operator.areas)
         )
-        self._fit = _fit(model.operator.layout.rule, self.surface.turned.shape[1])
+        self._fit = _fit(model.operator.layout.rule, self.surface.vertex_order.shape[1])
         sizes = {"gap": 3, "traction": 3, "traction_vector": model.gdim, "slip": 3, "status": 0}
         self._shapes = {name: (size,) if size else () for name, size in sizes.items()}
         made = [

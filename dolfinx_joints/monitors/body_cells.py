@@ -39,7 +39,7 @@ class CellOrder:
         )
 
     def dealt(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return values of the cells in this rank's block; ``values`` are of owned cells."""
+        """Return the values of this rank's block of cells, from values of the cells it owns."""
         return self._rows(values)
 
     def across(self, rows: NDArray[Any]) -> NDArray[Any] | Dealt:
@@ -82,6 +82,6 @@ def body_mesh(
 ) -> tuple[tuple[Any, ...], str]:
     """Return the arguments of `declare_body` and, on rank 0, the mesh hash (collective)."""
     comm, surface = model.jointed.mesh.comm, boundary_facets(model, nodes)
-    joints = {} if rows is None else rows.statics()
+    joints = {} if rows is None else rows.constant_arrays()
     mesh = nodes.across(nodes.positions), across(comm, surface), joints, body_cells(model, nodes)
     return mesh, mesh_hash(comm, nodes.positions, surface)

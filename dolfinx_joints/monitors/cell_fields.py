@@ -90,7 +90,7 @@ class CellFields:
         return values
 
     def _stresses(self, u: PETSc.Vec, joints: Response | None, factors: Sequence[float]) -> Floats:
-        """Return stresses (xx, yy, zz, xy, yz, xz) of cells: at the centre, means if plastic."""
+        """Return stresses (xx, yy, zz, xy, yz, xz) at cell centres; means in plastic cells."""
         self._u.x.array[: u.getLocalSize()] = u.getArray(readonly=True)
         self._u.x.scatter_forward()
         values = self._stress.eval(self._model.jointed.mesh, self._all)

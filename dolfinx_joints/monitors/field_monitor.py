@@ -56,16 +56,20 @@ BODY, JOINTS, RESERVOIR = "", "_joints", "_reservoir"
 class FieldMonitor(Monitor):
     """Writes body and joints for ParaView (VTKHDF); files may be read while the run continues.
 
-    ``NAME.vtkhdf`` contains the cells of the body, with the degree of the displacement. The values
-    are ``displacement [m]``, ``stress [Pa]`` (xx, yy, zz, xy, yz, xz), and the largest and smallest
-    principal stress. Stresses are evaluated at the centres of elastic cells; in plastic cells they
-    are means. Some models add ``temperature change [K]`` and ``accumulated plastic strain [-]``.
-    ``NAME_joints.vtkhdf`` contains the joints as in `export.write_vtk`, ``NAME_reservoir.vtkhdf``
-    the cells of a reservoir with waves, where ``hydrodynamic pressure [Pa]`` excludes the
-    hydrostatic pressure. Static stages are in ``NAME_stages.vtkhdf`` and
-    ``NAME_stages_joints.vtkhdf``, with the stage number as time. A continued run appends to these
-    files. A killed run loses at most the state being written (see `export.vtk_files.VtkFile`). If a
-    file is damaged, a continued run renames it to ``NAME.damaged``, warns and creates a new file.
+    ``NAME.vtkhdf`` contains the cells of the body as Lagrange cells of the same degree as the
+    displacement. The values are ``displacement [m]``, ``stress [Pa]`` (xx, yy, zz, xy, yz, xz), and
+    the largest and smallest principal stress. The stress of an elastic cell is the value at its
+    centre, the stress of a plastic cell the mean over the cell. Depending on the model there are
+    also ``temperature change [K]`` and ``accumulated plastic strain [-]``.
+
+    ``NAME_joints.vtkhdf`` contains the joints as in `export.write_vtk`. ``NAME_reservoir.vtkhdf``
+    contains the cells of a reservoir with waves; the ``hydrodynamic pressure [Pa]`` excludes the
+    hydrostatic pressure. ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf`` contain the
+    static stages, with the stage number as time.
+
+    A continued run appends to the files of the interrupted run. A killed run loses at most the
+    state being written (see `export.vtk_files.VtkFile`). If a file is damaged, a continued run
+    renames it to ``NAME.damaged``, warns and creates a new file.
 
     Args:
         path: ``NAME.vtkhdf``, or ``NAME``.
@@ -105,7 +109,7 @@ class FieldMonitor(Monitor):
         """Add a stage to the file of stages (collective)."""
         self._prepare(model)
         stage, number = stages[-1], len(stages)
-        self._fields = Fields(model, self._nodes, self._rows, self._wet)
+        self._fields = Fields(model, self._nodes, self._joint_order, self._wet)
         endings = [ending for ending in self._grids if ending != RESERVOIR]
         self._open(self._stages_path, number - 1 if number > 1 else None, endings)
         with released(self._lock, at_end=True):
@@ -131,7 +135,7 @@ class FieldMonitor(Monitor):
 
     def _begin(self, model: Model, record: Record, last: float | None) -> None:
         self._prepare(model)
-        self._fields = Fields(model, self._nodes, self._rows, record.wet_joints)
+        self._fields = Fields(model, self._nodes, self._joint_order, record.wet_joints)
         self._open(self._path, last, list(self._grids))
 
     def _prepare(self, model: Model) -> None:
@@ -145,10 +149,12 @@ class FieldMonitor(Monitor):
         kind, cells, members = cells_of_rank(model, self._nodes, self._cells)
         groups = {name: np.flatnonzero(marks) for name, marks in members.items()}
         body = uniform_grid(self._nodes.positions, cells, kind, groups)
-        self._grids, self._rows = {BODY: grid_across(self._comm, body)}, None
+        self._grids, self._joint_order = {BODY: grid_across(self._comm, body)}, None
         if model.operator is not None:
-            self._rows = JointRows(model.operator)
-            self._joints, self._facet_rows = joint_grid_of_rank(model, self._nodes, self._rows)
+            self._joint_order = JointRows(model.operator)
+            self._joints, self._facet_rows = joint_grid_of_rank(
+                model, self._nodes, self._joint_order
+            )
             first = int(blocks_of(self._comm, len(self._joints.points))[self._comm.rank])
             self._grids[JOINTS] = grid_across(self._comm, self._joints, first)
         if model.coupled is not None:
@@ -205,39 +211,44 @@ class FieldMonitor(Monitor):
         u: PETSc.Vec,
         joints: Response | None,
         pressure: Callable[[], Floats] | None,
-        of_cells: dict[str, NDArray[Any]],
+        cell_values: dict[str, NDArray[Any]],
     ) -> dict[str, Values]:
-        """Return the values of body and joints by file (collective)."""
+        """Return point values and cell values of body and joints, by file ending (collective)."""
         name, rows = "displacement [m]", self._nodes.dealt(u)
         values: dict[str, Values] = {
             BODY: (
                 {name: self._nodes.across(rows)},
-                {key: self._cells.across(part) for key, part in of_cells.items()},
+                {key: self._cells.across(part) for key, part in cell_values.items()},
             )
         }
-        if self._rows is not None:
+        if self._joint_order is not None:
             displacement = self._joints.motion @ self._facet_rows(rows)
-            cell_values = joint_values(
-                self._joint_rows(joints, pressure),
+            facet_values = joint_values(
+                self._ordered_joint_values(joints, pressure),
                 self._joints.cell_data,
-                len(self._rows.names),
+                len(self._joint_order.names),
                 partial(summed, self._comm),
             )
-            parts = {key: across(self._comm, part) for key, part in cell_values.items()}
+            parts = {key: across(self._comm, part) for key, part in facet_values.items()}
             values[JOINTS] = ({name: across(self._comm, displacement)}, parts)
         return values
 
-    def _joint_rows(
+    def _ordered_joint_values(
         self, joints: Response | None, pressure: Callable[[], Floats] | None
     ) -> dict[str, NDArray[Any]]:
-        """Return values of this rank's rows; NaN in joints without the quantity (collective)."""
-        assert self._rows is not None
+        """Return joint values by quantity, in the order of `JointRows` (collective).
+
+        Values are NaN in joints that do not have the quantity.
+        """
+        assert self._joint_order is not None
         values = self._fields.joint_rows(joints, pressure)
-        for quantity, of_quantity in values.items():
-            missing = [not self._fields.has_values(quantity, name) for name in self._rows.names]
+        for quantity, local_values in values.items():
+            missing = [
+                not self._fields.has_values(quantity, name) for name in self._joint_order.names
+            ]
             if any(missing):
-                values[quantity] = of_quantity.astype(float)
-                values[quantity][np.array(missing)[self._rows.joint]] = np.nan
+                values[quantity] = local_values.astype(float)
+                values[quantity][np.array(missing)[self._joint_order.joint]] = np.nan
         return values
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
@@ -260,7 +271,10 @@ def _open_file(path: Path, grid: Grid, last: float | None) -> VtkFile:
 
 
 def reservoir_grid(water: Water) -> Grid:
-    """Return the grid of the water: points with unknown pressure, then points at water level."""
+    """Return the grid of the water; the points at the water level come last.
+
+    The pressure at the water level is zero, all other pressures are unknowns.
+    """
     cells = water.cells()
     points = np.zeros((water.size + len(cells.surface), 3))
     points[:, : water.places.shape[1]] = np.concatenate([water.places, cells.surface])
@@ -271,8 +285,8 @@ def joint_grid_of_rank(model: Model, nodes: NodeNumbering, rows: JointRows) -> t
     """Return this rank's part of the grid of all joints (collective).
 
     Returns:
-        The grid, whose matrix ``motion`` maps values at facet nodes to grid points, and the
-        exchange that provides the values at these nodes.
+        The grid, whose matrix ``motion`` maps displacements of facet nodes to displacements of grid
+        points, and a `RowsAt` that collects the values of these nodes from all ranks.
     """
     comm, pairs = model.jointed.mesh.comm, model.jointed.pairs
     sides = [
@@ -285,17 +299,17 @@ def joint_grid_of_rank(model: Model, nodes: NodeNumbering, rows: JointRows) -> t
     exchange = RowsAt(comm, len(nodes.positions), facet_nodes)
     arrays = StaticArrays({"mesh/nodes": exchange(nodes.positions)})
     arrays["mesh/surface"] = numbers.reshape(surface.shape)
-    for name, of_joint in rows.statics(local=True).items():
-        arrays |= {f"joints/{name}/{key}": values for key, values in of_joint.items()}
+    for name, joint_arrays in rows.constant_arrays(local=True).items():
+        arrays |= {f"joints/{name}/{key}": values for key, values in joint_arrays.items()}
     return joined({name: joint_grid(arrays, name) for name in rows.names}), exchange
 
 
 def grid_across(comm: Any, grid: Grid, first: int = 0) -> Grid:
-    """Return the grid of all ranks from their parts, without the motion of points (collective).
+    """Join the grids of all ranks; the result has no matrix ``motion`` (collective).
 
     Args:
         comm: Communicator.
-        grid: Part of this rank.
+        grid: Grid of this rank.
         first: Global number of this rank's first point.
     """
     begin = blocks_of(comm, len(grid.connectivity))[comm.rank]

@@ -64,7 +64,10 @@ class Fields:
     def joint_rows(
         self, joints: Response | None, pressure: Callable[[], Floats] | None
     ) -> dict[str, NDArray[Any]]:
-        """Return values of this rank's rows; ``pressure`` returns local values (collective)."""
+        """Return joint values by quantity, in the order of `JointRows` (collective).
+
+        ``pressure`` returns the water pressures at the local joint points.
+        """
         if self._rows is None or self._contact is None or joints is None:
             return {}
         parts: dict[str, NDArray[Any]] = {"gap": joints.state.gap, "traction": joints.traction}

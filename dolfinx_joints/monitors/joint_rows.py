@@ -42,7 +42,7 @@ class JointRows:
         self._within = points * within  # First row of each rank in each joint.
         self._ends = np.cumsum(self._within[:, rank + 1] - self._within[:, rank])[:-1]
         facet = np.arange(blocks[rank], blocks[rank + 1]).repeat(points) - ends[self.joint]
-        self._statics = {
+        self._constant_rows = {
             "points": self(layout.points),
             "frames": self(layout.frames),
             "areas": self(layout.areas) * share.ravel(),
@@ -63,8 +63,11 @@ class JointRows:
         parts = zip(self.by_joint(rows).items(), self._within, strict=True)
         return {name: across(self._comm, local, blocks) for (name, local), blocks in parts}
 
-    def statics(self, *, local: bool = False) -> dict[str, dict[str, Any]]:
-        """Return points, frames, areas, facets and tied flags by joint, of all ranks or local."""
+    def constant_arrays(self, *, local: bool = False) -> dict[str, dict[str, Any]]:
+        """Return points, frames, areas, facets and tied flags by joint.
+
+        With ``local`` only the rows of this rank.
+        """
         split = self.by_joint if local else self.across
-        parts = {key: split(rows) for key, rows in self._statics.items()}
+        parts = {key: split(rows) for key, rows in self._constant_rows.items()}
         return {name: {key: part[name] for key, part in parts.items()} for name in self.names}

@@ -239,7 +239,7 @@ class StressEnvelopes:
         return [self._stress.across(column) for column in self._envelopes.columns.T]
 
     def load_state_dict(self, columns: Floats) -> None:
-        """Restore this rank's rows from ``state_dict``."""
+        """Restore the envelopes at this rank's vertices from ``state_dict``."""
         self._envelopes.load_state_dict(columns)
 
 

@@ -97,8 +97,8 @@ def _first_solver(
         which = "" if kind == "condensed" else ", which rigid joints need,"
         raise JointsError(
             f"The condensed solver{which} supports linear bodies only. The body has plastic cells "
-            f"({', '.join(system.bulk.kinds)}): use the monolithic solver and joints of finite "
-            "stiffness."
+            f"({', '.join(system.bulk.kinds)}), which need joint laws with finite stiffness and "
+            'solver="auto".'
         )
     if kind == "forms" and contact is not None:
         if system.coupled is not None:

@@ -38,7 +38,7 @@ CONDENSED, STATICS, PATH = (
     f"{STEP}#63-statics",
     f"{STEP}#64-which-path",
 )
-KEPT = "docs/decisions/two_solvers.md#what-is-kept"
+KEPT = "docs/decisions/two_solvers.md#stored-matrices"
 ITERATION = "docs/decisions/kernels.md#the-iteration-on-the-joints"
 DIRECT = "docs/decisions/direct_solvers.md#direct-solvers"
 JOINTED = "docs/decisions/multigrid.md#jointed-steps"
@@ -98,7 +98,7 @@ REASONS: dict[str, str] = {
     "COMPLEMENT_COST": f"{TESTS}test_corrections.py::test_the_complement_is_made_once_it_pays",
     "COMPLEMENT_PIVOT": f"{CONDENSED} would amplify errors and is not used (`COMPLEMENT_PIVOT`)",
     "NONZERO_SHARE": f"{ITERATION} three rows of the lower triangle at a time",
-    "SET_EXCESS": f"{ITERATION} at most 1.4 times as large as needed",
+    "SET_EXCESS": f"{ITERATION} at most 1.4 times as many closed points as needed",
     "SET_SPARE": f"{TESTS}test_corrections.py::test_what_is_kept_between_solves_does_not_matter",
     "LARGEST_DENSE": f"{KEPT} dense up to 2000 joint unknowns",
     "LARGEST_WHOLE": f"{KEPT} up to 6000 unknowns, not matrix-free",
@@ -117,7 +117,7 @@ REASONS: dict[str, str] = {
     "FEWEST_KEPT": f"{TESTS}test_tangent_multigrid.py::test_matrices_of_two_time_steps_are_kept",
     "TANGENTS_KEPT": f"{KEPT} so step lengths are few",
     "MOST_KEPT": f"{KEPT} the last 2 to 8 step lengths",
-    "NODE_BLOCK_COLUMN": f"{DIRECT} where a column has at most 150 of them",
+    "NODE_BLOCK_COLUMN": f"{DIRECT} columns have at most 150 entries on average",
     "NODE_BLOCK_ROWS": f"{DIRECT} at most 25 000 rows",
     "MULTIGRID_TOLERANCE": "docs/decisions/multigrid.md#multigrid stop at 1e-13",
     "STEP_TOLERANCE": "docs/decisions/multigrid.md#linear-steps `STEP_TOLERANCE` is 1e-9",

@@ -87,13 +87,14 @@ def random_points(springs):
 
 def without(springs, trial_gap, own, before):
     """Return the trial gap and compliance of the law."""
-    return springs.trial_gap_without(trial_gap, own, before), springs.compliance_without(own)
+    law_trial_gap = springs.trial_gap_without_springs(trial_gap, own, before)
+    return law_trial_gap, springs.compliance_without_springs(own)
 
 
-def traction_without(springs, response, own, before):
+def traction_without_springs(springs, response, own, before):
     """Return the traction and tangent of a response without the springs."""
     traction, tangent, gap = response.traction, response.tangent, response.state.gap
-    return springs.traction_without(traction, tangent, gap, own, before)
+    return springs.traction_without_springs(traction, tangent, gap, own, before)
 
 
 @pytest.mark.parametrize("law", [friction(), RigidJoint(friction_angle_deg=30.0)])
@@ -103,7 +104,7 @@ def test_the_law_is_met_without_the_springs(springs, law):
     before[:, 0] = np.abs(before[:, 0])  # no overlap, which a rigid joint cannot have
     state = JointState.at_rest(before, variables=len(variables_of(law)))
     response = law.condensed_backward_euler(*without(springs, free, own, before), state)
-    traction, _ = traction_without(springs, response, own, before)
+    traction, _ = traction_without_springs(springs, response, own, before)
     gap, wide = response.state.gap, np.repeat(own, (1, 2), axis=1)
     s = np.repeat(springs.stiffness, (1, 2), axis=1)
     np.testing.assert_allclose(gap, free - wide * traction, rtol=0, atol=1e-18)
@@ -127,7 +128,7 @@ def test_tangent_by_differences(springs):
 
     def evaluate(h):
         response = law.condensed_backward_euler(*without(springs, h, own, before), state)
-        return response, *traction_without(springs, response, own, before)
+        return response, *traction_without_springs(springs, response, own, before)
 
     response, _, tangent = evaluate(free)
     size = np.abs(tangent).max(axis=(1, 2))

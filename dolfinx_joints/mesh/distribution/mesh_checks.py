@@ -119,12 +119,12 @@ def _rank_of(comm: Any, cube: Ints) -> Ints:
 
 
 def _touching_facets(x: Floats, inner: Floats, is_own: Flags) -> Floats:
-    """Return the centres of the rank's facets that lie on a facet with the opposite normal.
+    """Return the centres of this rank's facets that lie on a facet with the opposite normal.
 
     Args:
         x: Vertices of boundary facets in cyclic order, shape (n, vertices, gdim), [m].
         inner: A point inside the cell of each facet, shape (n, gdim), [m].
-        is_own: True for facets that the rank owns, shape (n,).
+        is_own: True for facets that this rank owns, shape (n,).
     """
     if not len(x):
         return inner

@@ -1,6 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""System condensed onto the joints for one set of coefficients (20) to (22)."""
+"""System condensed onto the joints, (20) to (22) of docs/theory, for one set of coefficients of A.
+
+A = mass M + damping C + stiffness K is the matrix of a step (`MatrixCoefficients`), B the gap
+operator, c the own compliance of a joint point and w its area.
+"""
 
 from __future__ import annotations
 
@@ -128,11 +132,11 @@ class Condensed:
 
     @cached_property
     def scale(self) -> Floats:
-        """Scale s = sqrt(c / w), zero in directions that cannot move, (m,), [(m/N)^(1/2)]."""
+        """Scale s = sqrt(c / w), zero in constrained directions, (m,), [(m/N)^(1/2)]."""
         return np.where(self.compliance.dead.ravel(), 0.0, self.compliance.scale)
 
     @cached_property
-    def root(self) -> Floats:
+    def force_scale(self) -> Floats:
         """Scaled force of a traction of 1 Pa, s w, shape (m,)."""
         return np.repeat(self._contact.operator.areas, 3) * self.scale
 

@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Newton's corrections d of the joint forces, (I + T S) d = r (24), by compiled functions.
 
-S is the scaled compliance less the identity (22), T the tangent, r the residual. Inside corrections
-S is in single precision or compressed; Newton's iteration removes the error. The module
-`compiled.corrections` solves on one of two sets of points; this module keeps the data for reuse.
+S is the scaled compliance less the identity (22), T the scaled tangent and r the scaled residual,
+see `joint_step`. T0 is T if all points stick, W = S (I + T0 S)^-1. Equation numbers are those of
+docs/theory. Of M unknowns on all ranks, this rank has m.
+
+Inside corrections S is in single precision or compressed; Newton's iteration removes the error. The
+module `compiled.corrections` solves on one of two sets of points; this module keeps the data.
 """
 
 from __future__ import annotations
@@ -44,9 +47,9 @@ class Correction(NamedTuple):
     """Correction of the scaled forces.
 
     Attributes:
-        step: d, of the rank's unknowns, shape (m,).
+        step: d, local unknowns, shape (m,).
         coupled: S d, shape (m,).
-        error: Bound of the error of S d.
+        error: Upper bound of the error of S d.
     """
 
     step: Floats
@@ -59,8 +62,8 @@ class CompiledCorrections:
 
     Args:
         compliance: S and its scale.
-        stuck: T0, the diagonal tangent of the rank's points if they stick, shape (points, 3); None
-            if the complement set cannot be used.
+        stuck: T0, the diagonal tangent of the local points if they stick, shape (points, 3); None
+            if W cannot be used.
         comm: Communicator of the ranks.
 
     Attributes:
@@ -108,8 +111,8 @@ class CompiledCorrections:
         """Solve (I + T S) d = r; the vectors are overwritten by the next call (collective).
 
         Args:
-            residual: r, of the rank's unknowns, shape (m,).
-            tangent: T, of the rank's points, shape (points, 3, 3).
+            residual: r, local unknowns, shape (m,).
+            tangent: T of the local points, shape (points, 3, 3).
             smallest: Entries of r up to this size are treated as zero.
             tolerance: Largest residual of the correction, relative to r.
             couples: False if S d is not needed.
@@ -157,7 +160,7 @@ class CompiledCorrections:
         }
 
     def _numbers(self, name: str) -> NDArray[np.int64]:
-        """Return the global numbers of the rank's points in a set."""
+        """Return the global numbers of the local points in a set."""
         last = getattr(self._memory, SETS[name]).number[0]
         own: NDArray[np.int64] = getattr(self._memory, SETS[name]).points[:last]
         return own + self._blocks[self._comm.rank]
@@ -180,10 +183,10 @@ class CompiledCorrections:
 
 
 def _complement_of(whole: Floats, stuck: Floats, comm: Any) -> Floats | None:
-    """Return the rank's columns of W = S (I + T0 S)^-1, shape (M, m) (collective).
+    """Return the columns of W = S (I + T0 S)^-1 at local unknowns, shape (M, m) (collective).
 
     Return None if I + T0 S is nearly singular, as with stiff joints that meet and have more points
-    than dofs. Each rank passes the whole of S, but T0 only for the rank's unknowns.
+    than dofs. Each rank passes all of S, but T0 only for the local unknowns.
     """
     root = np.sqrt(Parts(len(stuck), comm).all_of(stuck))
     inner = root[:, None] * whole * root
@@ -232,7 +235,7 @@ def _forms_of(compliance: Compliance, comm: Any) -> tuple[Dense | LowRank, Dense
 
 
 def _columns_of(columns: Floats, symmetric: bool, comm: Any, dtype: type = np.float64) -> Dense:
-    """Return the compiled form of the rank's columns of a dense S, shape (M, m) (collective)."""
+    """Return the compiled form of the local columns of a dense S, shape (M, m) (collective)."""
     size, local = columns.shape
     return Dense(
         ranks_of(comm),
@@ -246,7 +249,7 @@ def _columns_of(columns: Floats, symmetric: bool, comm: Any, dtype: type = np.fl
 
 
 def _blocks_of(split: Compressed, columns: Floats | None, comm: Any) -> LowRank:
-    """Return the compiled form of a compressed S, with the rank's columns if given (collective)."""
+    """Return the compiled form of a compressed S, with the local columns if given (collective)."""
     own, (table, shares, lengths) = split.matrix.own, split.matrix.joined()
     return LowRank(
         ranks_of(comm),

@@ -1,6 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Joint forces of one step as a problem of the semi-smooth Newton method (23), (24)."""
+"""Joint forces of one step as a problem of the semi-smooth Newton method.
+
+The symbols f, r, S, and the equations (23) and (24), are those of `joint_step`.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,7 @@ class JointForces:
         """Return the iterate, with S f recomputed if its error matters (collective)."""
         if at.error > max(limits.STALE * at.max_residual, self._negligible_error(at)):
             at = self._step.evaluate(at.force, self._corrections.product(at.force))
-        if at.max_residual and not at.largest:
+        if at.max_residual and not at.max_force:
             # All forces of the laws are zero: f = 0 then has a residual without rounding error.
             zero = np.zeros_like(at.force)
             at = min(at, self._step.evaluate(zero, zero), key=lambda iterate: iterate.norm)
@@ -57,7 +60,7 @@ class JointForces:
 
     def solved(self, at: Iterate, before: Iterate | None, *, last: bool) -> bool:
         """Return True if the residual is below the target, or accepted and no longer falling."""
-        relative, accepted = self._step.judged(at, self._tolerance)
+        relative, accepted = self._step.residual_and_limit(at, self._tolerance)
         ends = last or (
             before is not None and at.max_residual >= limits.STALLED * before.max_residual
         )
@@ -69,7 +72,7 @@ class JointForces:
         reduction = 1.0 if before is None else size / before.max_residual
         tolerance = forcing(self._forcing, reduction, self._target / relative)
         # Drop converged entries of r, so that they cost no product with S.
-        smallest = limits.CONVERGED_ENTRIES * self._target * at.scale
+        smallest = limits.CONVERGED_ENTRIES * self._target * at.reference_force
         error = at.error + self._corrections.rough * size
         exactly = error > max(limits.STALE_NEXT * relative * size, self._negligible_error(at))
         correction = self._corrections.solve(
@@ -98,8 +101,8 @@ class JointForces:
 
     def relative(self, at: Iterate) -> float:
         """Return the residual relative to the largest force."""
-        return self._step.judged(at, self._tolerance)[0]
+        return self._step.residual_and_limit(at, self._tolerance)[0]
 
     def _negligible_error(self, at: Iterate) -> float:
         """Return the largest error of S f that is negligible."""
-        return limits.NEGLIGIBLE * self._target * (at.largest or at.max_residual)
+        return limits.NEGLIGIBLE * self._target * (at.max_force or at.max_residual)

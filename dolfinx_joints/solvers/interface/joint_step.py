@@ -1,8 +1,13 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Equation of the joint forces of one step: residual r(f) (23), tangent, and rounding errors.
+"""Equation of the joint forces in one step: residual r, tangent T and rounding errors.
 
-f are the scaled forces s w t, S is the scaled compliance less the identity, s = sqrt(c / w) (22).
+    r(f) = f - s w Res(h),   h = g_f - s S f,   T = s w (dRes/dh) s.                (22) to (24)
+
+The unknowns f are the scaled forces s w t of the tractions t, with the areas w of the points, their
+own compliances c and s = sqrt(c / w). S is the scaled compliance matrix less the identity, g_f the
+gap without joint forces, h the trial gap: the gap without the point's own traction. Res(h) is the
+traction of the law at h. Equation numbers are those of docs/theory.
 """
 
 from __future__ import annotations
@@ -14,7 +19,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.common.mpi import of_ranks
-from dolfinx_joints.joints.condensed_step import PointAnswers
+from dolfinx_joints.joints.condensed_step import PointResponses
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import JointState, Response, Rule
 from dolfinx_joints.solvers import limits
@@ -25,20 +30,21 @@ Floats = NDArray[np.float64]
 
 
 class Iterate(NamedTuple):
-    """Scaled forces of the rank's points, with their residual and tangent.
+    """Scaled forces of the points of this rank, with their residual and tangent.
 
     Attributes:
         force: f, shape (m,).
-        coupled: S f.
-        error: Bound of the error of S f.
-        residual: r.
-        tangent: T = s w (dRes/dh) s (24), shape (points, 3, 3).
-        answers: Response of the laws.
-        largest: Largest scaled force of the laws, over all ranks.
+        coupled: S f, shape (m,).
+        error: Upper bound of the error of S f.
+        residual: r, shape (m,).
+        tangent: T, shape (points, 3, 3).
+        point_responses: Tractions and tangents of the laws.
+        max_force: Largest scaled force s w Res of the laws, over all ranks.
         norm: 2-norm of r, over all ranks.
         max_residual: Largest |r|, over all ranks.
-        reach: Largest scaled gap that affects the forces, over all ranks.
-        size: Largest |f| plus largest |S f|, over all ranks.
+        max_gap: Largest gap divided by s, over all ranks. With artificial springs, gaps count only
+            with the share that causes forces.
+        magnitude: Largest |f| plus largest |S f|, over all ranks.
     """
 
     force: Floats
@@ -46,17 +52,17 @@ class Iterate(NamedTuple):
     error: float
     residual: Floats
     tangent: Floats
-    answers: PointAnswers
-    largest: float
+    point_responses: PointResponses
+    max_force: float
     norm: float
     max_residual: float
-    reach: float
-    size: float
+    max_gap: float
+    magnitude: float
 
     @property
-    def scale(self) -> float:
-        """Force to which residuals are relative, usually the largest force."""
-        return self.largest or self.max_residual or 1.0
+    def reference_force(self) -> float:
+        """Largest force of the laws, or the largest residual if the laws give no force."""
+        return self.max_force or self.max_residual or 1.0
 
 
 class JointStep:
@@ -67,7 +73,7 @@ class JointStep:
         condensed: The system condensed onto the joints.
         free_gap: Gap without joint forces, shape (n, 3), [m].
         state: State at the start of the step.
-        rule: Rule by which the laws are evaluated.
+        rule: Integration rule of the laws.
     """
 
     def __init__(
@@ -83,9 +89,9 @@ class JointStep:
         self.free_gap, self.state, self.rule = free_gap, state, rule
         compliance, springs = condensed.compliance.own, condensed.springs
         if springs is not None:
-            compliance = springs.compliance_without(compliance)
+            compliance = springs.compliance_without_springs(compliance)
         self._laws = contact.condensed_step(compliance, state, rule)
-        self._scale, self._root = condensed.scale, condensed.root
+        self._scale, self._force_scale = condensed.scale, condensed.force_scale
         gap_sizes = np.maximum(np.abs(free_gap), np.abs(state.gap)).ravel()
         self._gap_sizes = gap_sizes / condensed.compliance.scale
         self._largest_gap = float(self._gap_sizes.max(initial=0.0))
@@ -96,78 +102,90 @@ class JointStep:
 
     def response(self, at: Iterate) -> Response:
         """Return the response of the joints at an iterate."""
-        return self._laws.response(at.answers)
+        return self._laws.response(at.point_responses)
 
-    def judged(self, at: Iterate, tolerance: float) -> tuple[float, float]:
+    def residual_and_limit(self, at: Iterate, tolerance: float) -> tuple[float, float]:
         """Return the residual and the largest accepted residual.
 
-        All values, including the tolerance, are relative to the largest force.
+        Both values and the tolerance are relative to `Iterate.reference_force`.
         """
-        scale = at.scale
+        scale = at.reference_force
         relative, rounding = at.max_residual / scale, self.rounding(at) / scale
         if self.condensed.springs is None:
-            # The force of a point that closes as the step ends is mostly rounding error.
+            # If only just closed points carry forces, rounding errors exceed the forces.
             largest = limits.LARGEST_ROUNDING if rounding < 1.0 else limits.LARGEST_CONTACT_ROUNDING
             return relative, max(tolerance, min(rounding, largest))
         accepted = max(tolerance, min(rounding, limits.LARGEST_SPRING_ROUNDING))
-        # On a mechanism spring forces dominate: use their rounding error as the residual.
+        # In a mechanism, spring forces exceed joint forces: use their rounding error as residual.
         return (max(relative, rounding) if rounding > accepted else relative), accepted
 
     def is_balanced(self, at: Iterate) -> bool:
-        """Return True if the residual is rounding error and unsupported blocks hardly moved."""
-        return max(at.max_residual, self.rounding(at)) <= limits.BALANCED * at.largest
+        """Return True if residual and rounding error are negligible relative to the forces.
+
+        If unsupported blocks have moved far, the rounding error is not negligible.
+        """
+        return max(at.max_residual, self.rounding(at)) <= limits.BALANCED * at.max_force
 
     @staticmethod
     def rounding(at: Iterate) -> float:
         """Return the scaled force due to rounding errors of the gaps."""
-        return limits.GAP_ROUNDING * (at.reach + at.size)
+        return limits.GAP_ROUNDING * (at.max_gap + at.magnitude)
 
     def forces(self, traction: Floats) -> Floats:
-        """Return the scaled forces of tractions (n, 3), zero in directions that cannot move."""
-        return self._root * traction.ravel()
+        """Return the scaled forces of tractions (n, 3), zero in constrained directions."""
+        return self._force_scale * traction.ravel()
 
     def evaluate(self, force: Floats, coupled: Floats, error: float = 0.0) -> Iterate:
-        """Return the iterate of f and S f: residual f - s w t, tangent and norms (collective)."""
+        """Return the iterate of f and S f, with its residual, tangent and norms (collective).
+
+        ``error`` is the upper bound of the error of S f.
+        """
         trial_gap = self.free_gap - (self._scale * coupled).reshape(-1, 3)
         springs = self.condensed.springs
         if springs is not None:
-            trial_gap = springs.trial_gap_without(
+            trial_gap = springs.trial_gap_without_springs(
                 trial_gap, self.condensed.compliance.own, self.state.gap
             )
-        answers = self._laws.answers(trial_gap)
-        traction, tangent = answers.traction, answers.tangent
+        point_responses = self._laws.point_responses(trial_gap)
+        traction, tangent = point_responses.traction, point_responses.tangent
         if springs is not None:
-            gap = self._laws.response(answers).state.gap
-            traction, tangent = springs.traction_without(
+            gap = self._laws.response(point_responses).state.gap
+            traction, tangent = springs.traction_without_springs(
                 traction, tangent, gap, self.condensed.compliance.own, self.state.gap
             )
-        residual, scaled, sizes = _residual(
-            force, coupled, answers.traction, traction, tangent, self._scale, self._root
+        residual, scaled, norms = _residual(
+            force,
+            coupled,
+            point_responses.traction,
+            traction,
+            tangent,
+            self._scale,
+            self._force_scale,
         )
-        sizes[5] = self._largest_gap if springs is None else self._active_gap(scaled, springs)
+        norms[5] = self._largest_gap if springs is None else self._active_gap(scaled, springs)
         if self._comm.size > 1:
-            by_rank = of_ranks(self._comm, sizes)
-            sizes = by_rank.max(axis=0)
-            sizes[4] = by_rank[:, 4].sum()
-        largest, max_residual, forces, gaps, square, reach = sizes.tolist()
+            by_rank = of_ranks(self._comm, norms)
+            norms = by_rank.max(axis=0)
+            norms[4] = by_rank[:, 4].sum()
+        max_force, max_residual, max_f, max_coupled, square, max_gap = norms.tolist()
         return Iterate(
             force=force,
             coupled=coupled,
             error=error,
             residual=residual,
             tangent=scaled,
-            answers=answers,
-            largest=largest,
+            point_responses=point_responses,
+            max_force=max_force,
             norm=square**0.5,
             max_residual=max_residual,
-            reach=reach,
-            size=forces + gaps,
+            max_gap=max_gap,
+            magnitude=max_f + max_coupled,
         )
 
     def _active_gap(self, tangent: Floats, springs: JointSprings) -> float:
-        """Return the largest scaled gap that affects the forces.
+        """Return the largest gap divided by s, each gap times the share that causes forces.
 
-        Soft joints of unsupported blocks may open far, but only a share of the gap causes a force.
+        Soft joints of unsupported blocks may open far with a small force.
         """
         share = np.repeat(springs.stiffness * self.condensed.compliance.own, (1, 2), axis=1)
         active_share = np.minimum(np.maximum(np.abs(tangent).max(axis=1), share), 1.0)
@@ -178,29 +196,31 @@ class JointStep:
 def _residual(
     force: Floats,
     coupled: Floats,
-    carried: Floats,
+    law_traction: Floats,
     traction: Floats,
     tangent: Floats,
     scale: Floats,
-    root: Floats,
+    force_scale: Floats,
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the scaled residual and tangent, zero where a point cannot move, and six norms.
+    """Return r and T, both zero in constrained directions, and an array of six norms.
 
-    The norms are the largest force of the laws, the largest |r|, |f| and |S f|, and the squared
-    2-norm of r. They are NaN if r is NaN. The caller sets the last entry.
+    The norms are the largest scaled force of the laws, the largest |r|, |f| and |S f|, the squared
+    2-norm of r, and a zero that the caller replaces by the largest gap. If an entry of r is NaN,
+    both norms of r are NaN. ``law_traction`` is Res; ``traction`` and ``tangent`` exclude springs.
+    ``force_scale`` is s w, zero in constrained directions.
     """
-    residual, scaled, sizes = np.zeros_like(force), np.empty_like(tangent), np.zeros(6)
+    residual, scaled, norms = np.zeros_like(force), np.empty_like(tangent), np.zeros(6)
     for i in range(len(tangent)):
         for a in range(3):
             k = 3 * i + a
-            difference = force[k] - root[k] * traction[i, a] if root[k] > 0.0 else 0.0
+            difference = force[k] - force_scale[k] * traction[i, a] if force_scale[k] > 0.0 else 0.0
             residual[k] = difference
-            sizes[0] = max(sizes[0], abs(root[k] * carried[i, a]))
-            sizes[1] = max(sizes[1], abs(difference))
-            sizes[2], sizes[3] = max(sizes[2], abs(force[k])), max(sizes[3], abs(coupled[k]))
-            sizes[4] += difference * difference
+            norms[0] = max(norms[0], abs(force_scale[k] * law_traction[i, a]))
+            norms[1] = max(norms[1], abs(difference))
+            norms[2], norms[3] = max(norms[2], abs(force[k])), max(norms[3], abs(coupled[k]))
+            norms[4] += difference * difference
             for b in range(3):
-                scaled[i, a, b] = root[k] * tangent[i, a, b] * scale[3 * i + b]
-    if not sizes[4] >= 0.0:
-        sizes[1] = np.nan
-    return residual, scaled, sizes
+                scaled[i, a, b] = force_scale[k] * tangent[i, a, b] * scale[3 * i + b]
+    if not norms[4] >= 0.0:
+        norms[1] = np.nan
+    return residual, scaled, norms

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Newton's corrections d of the joint forces, (I + T S) d = r (24), by PETSc's GMRES.
 
-Used in statics, where corrections must be accurate; if S is not stored, or compressed and not
-symmetric; and if rigid joints meet, because their sticking points tie each other.
+The symbols are those of `joint_step`. Used in statics, where corrections must be accurate; if S is
+not stored, or compressed and not symmetric; and if rigid joints meet, because their sticking points
+tie each other.
 """
 
 from __future__ import annotations

@@ -1,6 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Elastic predictor: start of a static increment on the branch of the accepted equilibrium."""
+"""Elastic predictor: start of a static increment on the branch of the accepted equilibrium.
+
+The symbols are those of `joint_step`: scaled joint forces f, scaled compliance less the identity S.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +53,7 @@ class AcceptedForces:
             (f0, s0), (f1, s1) = self._forces
             line = 2.0 * f1 - f0, 2.0 * s1 - s0
             at = step.evaluate(*line)
-            if at.max_residual <= limits.ON_LINE * at.largest:
+            if at.max_residual <= limits.ON_LINE * at.max_force:
                 return line
         return elastic_predictor(step, traction)
 
@@ -62,7 +65,8 @@ def elastic_predictor(step: JointStep, traction: Floats) -> tuple[Floats, Floats
 
         f = f0 + T (h(f) - h0)   with   h(f) = g_f - S f,                                   (28e)
 
-    where g_f is the scaled gap without joint forces. Newton's method from f stays on the branch.
+    where g_f is the scaled gap without joint forces, see docs/theory for (28e). Newton's method
+    from f stays on the branch.
 
     Args:
         step: The static increment.

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Solver of a step condensed onto the joints: factor the bulk once, iterate only on the joints.
 
-With A factored, joint forces F = w t give the joint gaps g = g_free - G F (20). The compliance
-(Delassus) matrix is G = B A^-1 B^T. A step consists of one response without joint forces, an
-iteration on F, and one solve for the displacements due to F. F solves
+A is the matrix of a step, B the gap operator. Tractions t on the areas w are forces F = w t, and
+the gaps are g = g_free - G F (20) of docs/theory. The compliance (Delassus) matrix is G = B A^-1
+B^T, and g_free are the gaps without joint forces. A step consists of one response without joint
+forces, an iteration on F, and one solve for the displacements due to F. F solves
 
     r(F) = F - w Res(g_free - G F + diag(G) F) = 0.
 
@@ -135,7 +136,7 @@ class InterfaceSolver(StepSolver):
             self._refine_displacement(condensed, b, x)
             start = self._last[1:]
             if condensed.springs is not None and step.is_balanced(at := step.evaluate(*start)):
-                response, relative = step.response(at), at.max_residual / (at.largest or 1.0)
+                response, relative = step.response(at), at.max_residual / (at.max_force or 1.0)
                 solved = replace(solved, response=response, relative=relative)
                 break
             refined = self._iterate(step, [start])

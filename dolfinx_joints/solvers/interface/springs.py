@@ -3,8 +3,11 @@
 """Artificial springs across the joints, which stabilise unsupported blocks in statics.
 
 Their forces are subtracted from the result: (K + B^T w s B) x + B^T w t' = b is solved (27), with
-t' = t - s (g - g0), the spring stiffness s (sigma in the theory) and the gap g0 at the start. With
-the compliance c, springs included, g = h - c t'. The law is evaluated on c' and h' (28),
+t' = t - s (g - g0). K is the stiffness matrix, B the gap operator, w the areas, x the displacement,
+b the load, t the tractions of the laws and g the gaps, g0 at the start of the increment. The spring
+stiffness s is sigma in docs/theory, which has the equations (27) and (28). A point has the
+compliance c, springs included, so g = h - c t' with the gap h without its own traction. The law is
+evaluated without the springs, on c' and h' (28):
 
     g = h' - c' t,   c' = c / (1 - c s),   h' = (h - c s g0) / (1 - c s).
 """
@@ -58,7 +61,7 @@ class JointSprings:
         """Return normal and tangential values, shape (n, 2), for three directions, shape (n, 3)."""
         return np.repeat(values, (1, 2), axis=1)
 
-    def compliance_without(self, compliance: Floats) -> Floats:
+    def compliance_without_springs(self, compliance: Floats) -> Floats:
         """Return the compliance c' of the law, shape (n, 2), [m/Pa].
 
         Args:
@@ -66,7 +69,9 @@ class JointSprings:
         """
         return compliance / (1.0 - self.stiffness * compliance)
 
-    def trial_gap_without(self, trial_gap: Floats, compliance: Floats, before: Floats) -> Floats:
+    def trial_gap_without_springs(
+        self, trial_gap: Floats, compliance: Floats, before: Floats
+    ) -> Floats:
         """Return the trial gap h' of the law, shape (n, 3), [m].
 
         Args:
@@ -77,7 +82,7 @@ class JointSprings:
         share = self._in_three_directions(self.stiffness * compliance)
         return (trial_gap - share * before) / (1.0 - share)
 
-    def traction_without(
+    def traction_without_springs(
         self, traction: Floats, tangent: Floats, gap: Floats, compliance: Floats, before: Floats
     ) -> tuple[Floats, Floats]:
         """Return the traction t' and its derivative by h, shapes (n, 3) and (n, 3, 3).

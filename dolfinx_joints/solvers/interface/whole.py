@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Newton's method on the displacement and the joint tractions, for large bodies.
 
-The unknowns are the change x of the displacement and the tractions t:
+The unknowns are the change x of the displacement and the tractions t, (13a) in docs/theory:
 
-    A x + B^T (w t) = b,    t = t_c(g + B x + c t),    (13a)
+    A x + B^T (w t) = b,    t = t_c(g + B x + c t),
 
-where t_c is the condensed form of the laws (Res in the theory) on the compliances c of their
-points. Here c is estimated from the diagonal of A. The residual of a stiff joint is then no larger
-than the residual of a soft joint. A correction eliminates t, which gives the matrix
-A + B^T (w D) B of `NewtonSolver`.
+with the matrix A and the right-hand side b of the step, the gap operator B, the areas w, and the
+gaps g at the start. t_c is the condensed form of the laws (Res in docs/theory): the traction of a
+point with its own compliance c. Here c is estimated from the diagonal of A. The residual of a stiff
+joint is then no larger than the residual of a soft joint. A correction eliminates t, which gives
+the matrix A + B^T (w D) B of `NewtonSolver`.
 """
 
 from __future__ import annotations

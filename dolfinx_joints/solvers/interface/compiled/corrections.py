@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Newton's corrections d of the joint forces, (I + T S) d = r (24), on the smaller of two sets.
 
-S is the scaled compliance less the identity, T the scaled tangent with a 3 x 3 block per point.
+S is the scaled compliance less the identity, T the scaled tangent with a 3 x 3 block per point, r
+the scaled residual, see `joint_step`. Equation numbers are those of docs/theory.
 
 - *Active*: T is zero at open points. If few points are closed, solve only for the closed points.
 - *Complement*: T is the diagonal T0 at sticking points. If few points are open or slide, solve only

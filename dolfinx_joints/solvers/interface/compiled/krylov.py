@@ -48,7 +48,7 @@ class Space(NamedTuple):
 
 
 def space_of(size: int, products: int) -> Space:
-    """Return work arrays for the rank's number of unknowns and a number of products."""
+    """Return work arrays for the number of local unknowns and a number of products."""
     return Space(
         np.empty((products + 1, size), dtype=np.float32),
         np.zeros((products + 1, products + 5)),

@@ -3,7 +3,7 @@
 """Products with S, the scaled compliance less the identity, and with stored parts of S.
 
 S is `Dense` or `LowRank`; compiled functions are specialised for each type. Stored parts are in
-single precision. Vectors have the m unknowns of the rank; all ranks together have M unknowns.
+single precision. Vectors have the m local unknowns; all ranks together have M unknowns.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Dense(NamedTuple):
 
     Attributes:
         ranks: The ranks.
-        columns: Columns of the rank's rows, one per array row, shape (M, m).
+        columns: Columns of the local rows of S, one per array row, shape (M, m).
         by_half: True if products read only half of S, which is symmetric and on one rank.
         work: Work array for a vector and a product, shape (2, m), of the type of the columns.
         nonzero: Work array for numbers of unknowns, shape (M,).
@@ -98,12 +98,12 @@ class Kept(NamedTuple):
     """Set of points with its part of S, reused as long as the set contains the required points.
 
     Attributes:
-        points: Local numbers of the rank's points, sorted, in the first entries, shape (points,).
-        number: Count of the rank's points (-1 before the first set) and of all points, shape (2,).
+        points: Local numbers of this rank's points, sorted, in the first entries, shape (points,).
+        number: Count of local points (-1 before the first set) and of all points, shape (2,).
         lengths: Lengths of the ranks' single-precision vectors of the set.
         gathered: Work array for a vector of the set on all ranks, shape (M,), empty if not needed.
         numbers: Global numbers of all points of the set, shape (M / 3,), empty if not needed.
-        part: Columns of the set in the rank's rows of the set, in the first entries. With a
+        part: Columns of the set in the local rows of the set, in the first entries. With a
             `LowRank` S only if they are no more than the entries of S.
     """
 
@@ -116,7 +116,7 @@ class Kept(NamedTuple):
 
 
 def kept_of(points: int, all_points: int, split: Dense | LowRank) -> Kept:
-    """Return an empty set for at most ``points`` points of the rank and ``all_points`` of all."""
+    """Return an empty set for at most ``points`` local points and ``all_points`` of all ranks."""
     largest, ranks = all_points, split.ranks.size
     if isinstance(split, LowRank):
         largest = min(all_points, int(np.sqrt(split.entries) / 3.0)) if len(split.whole) else 0
@@ -237,7 +237,7 @@ def _part_is_stored(split: LowRank, kept: Kept) -> bool:
 
 @part
 def _copy_part(matrix: NDArray[Any], kept: Kept, ranks: Ranks, by_half: bool) -> None:
-    """Copy the set's columns for the rank's rows, only the lower half if ``by_half`` is True."""
+    """Copy the set's columns for the local rows, only the lower half if ``by_half`` is True."""
     count, points = kept.number[0], kept.points
     all_points = kept.points if ranks.size == 1 else kept.numbers
     columns = kept.part[: 9 * kept.number[1] * count].reshape(3 * kept.number[1], 3 * count)

@@ -133,7 +133,8 @@ class InterfaceSolver(StepSolver):
         self._set_forces(condensed, solved.force, x)
         for _ in range(limits.REFINEMENTS):
             # Repeat from the gaps of the body: stiff joints turn rounding errors into forces.
-            self._refine_displacement(condensed, b, x)
+            if condensed.springs is not None:
+                self._refine_displacement(condensed, b, x)
             start = self._last[1:]
             if condensed.springs is not None and step.is_balanced(at := step.evaluate(*start)):
                 response, relative = step.response(at), at.max_residual / (at.max_force or 1.0)
@@ -255,7 +256,7 @@ class InterfaceSolver(StepSolver):
     def _refine_displacement(self, condensed: Condensed, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Refine x by a solve for the residual of equilibrium (collective).
 
-        On soft springs or supports, the load moves blocks far and the joint forces move them back.
+        On soft springs, the load moves unsupported blocks far and the joint forces move them back.
         The sum of both displacements has a large rounding error.
         """
         _, force, coupled = self._last

@@ -81,7 +81,7 @@ class JointPressure(Protocol):
         """Return the codes (`Wetness`) for a gap (n, 3) [m] in statics (collective)."""
 
     def in_step(self, codes: Codes, gap: Floats) -> Codes:
-        """Return the codes at the end of a time step from codes and gap at its start (collective)."""
+        """Return the codes at the end of a step from codes and gap at its start (collective)."""
 
 
 class AddedMass(Protocol):

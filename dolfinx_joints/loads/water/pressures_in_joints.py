@@ -23,7 +23,7 @@ from dolfinx_joints.mesh.cells import Floats
 
 @dataclass(frozen=True)
 class _End:
-    """Water at the start or end of a step: codes of the rank's points, forces without factor [N]."""
+    """Water at the start or end of a step: codes of the rank's points, unscaled forces [N]."""
 
     codes: Codes
     forces: list[PETSc.Vec]
@@ -63,7 +63,7 @@ class JointWaters:
         return self._entered.codes
 
     def enter(self, gap: Floats, codes: Codes | None = None) -> Codes:
-        """Begin a stage at a gap (n, 3) [m]; by default the gap determines the codes (collective)."""
+        """Begin a stage at a gap (n, 3) [m]; by default it determines the codes (collective)."""
         self._start = self._end = self._forces_for(self.by_opening(gap) if codes is None else codes)
         self._entered = self._start
         return self._end.codes
@@ -73,7 +73,7 @@ class JointWaters:
         return np.max([part.by_opening(gap) for part in self._parts], axis=0)
 
     def begin_step(self, codes: Codes, gap: Floats) -> None:
-        """Set the water at start and end of a time step from the state at its start (collective)."""
+        """Set the water at start and end of a step from the state at its start (collective)."""
         self._start = self._forces_for(codes)
         self._end = self._forces_for(
             np.max([part.in_step(codes, gap) for part in self._parts], axis=0)

@@ -70,7 +70,7 @@ class Traction:
     Attributes:
         group: Name of the facet group.
         value: Traction vector [Pa].
-        factor: Multiplier at a time [s]; 1 by default.
+        factor: Function of time [s] that multiplies the load; 1 by default.
     """
 
     group: str
@@ -96,7 +96,7 @@ class Pressure:
     Attributes:
         group: Name of the facet group.
         value: Pressure [Pa].
-        factor: Multiplier at a time [s]; 1 by default.
+        factor: Function of time [s] that multiplies the load; 1 by default.
 
     Example:
         >>> from mpi4py import MPI
@@ -133,7 +133,7 @@ class FormLoad:
 
     Attributes:
         form: Function of the test function that returns the UFL form of the load [N].
-        factor: Multiplier at a time [s]; 1 by default.
+        factor: Function of time [s] that multiplies the load; 1 by default.
     """
 
     form: Callable[[Any], Any]

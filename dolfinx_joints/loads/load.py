@@ -64,7 +64,10 @@ class FollowsJoints(JointLoad, Protocol):
 
 
 class JointPressure(Protocol):
-    """Pressure at local joint points, selected by codes; code and pressure 0 in other joints."""
+    """Pressure at the joint points of this rank, selected by a code per point.
+
+    The codes are values of `Wetness`, shape (n,). Code and pressure are zero in all other joints.
+    """
 
     name: str
 
@@ -78,7 +81,7 @@ class JointPressure(Protocol):
         """Return the codes (`Wetness`) for a gap (n, 3) [m] in statics (collective)."""
 
     def in_step(self, codes: Codes, gap: Floats) -> Codes:
-        """Return the codes after a time step that starts at ``codes`` and ``gap`` (collective)."""
+        """Return the codes at the end of a step from codes and gap at its start (collective)."""
 
 
 class AddedMass(Protocol):

@@ -62,7 +62,8 @@ def read_components(
         raise RecordError(
             f"{text.path} has an unknown format (supported: {names}, plain columns); it begins "
             f"with {text.lines[0][:40]!r}. Convert it to plain columns, with the lines "
-            "'# unit: cm/s^2', '# columns: time N', '0.00 1.25', '0.01 -3.50' and so on."
+            "'# unit: cm/s^2', '# columns: time N' (N: north, E: east, UP: up), '0.00 1.25', "
+            "'0.01 -3.50' and so on."
         )
     if columns is not None:
         raise RecordError(

@@ -172,8 +172,8 @@ class Simulation:
 
         At points without traction, inactive or open, gap and slip are reset to zero; shear keys in
         contact across an opening keep their shear. Points in contact do not change. Inactive joints
-        that are not named become active with their present opening. Joints whose laws pull across
-        this opening remain inactive.
+        that are not named become active with their present opening. They stay inactive if their
+        law gives a traction at this opening.
 
         Grout under pressure first pushes the faces of these points apart, with constant loads and
         fixed supports. Then the grout sets, and the pressure remains as joint traction.
@@ -186,7 +186,8 @@ class Simulation:
             name: Name of the stage in results, "grouting 1" and so on by default.
 
         Raises:
-            JointsError: There is no static state, or a law cannot carry the pressure or gap.
+            JointsError: There is no static state, or the law of a joint excludes the pressure or
+                the gap.
             ConvergenceError: No equilibrium under the pressure was found, or only after a jump.
         """
         if self.static is None:

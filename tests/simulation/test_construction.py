@@ -159,7 +159,7 @@ def test_a_bond_in_ufl_holds_from_the_grout_on(comm, wall):
     run = dj.Simulation(wall([cold], law=law, supports=[*sides, held]))
     parted = run.statics(joints="inactive").displacement
     first = run.model.operator.joint == run.model.jointed.joint_names.index("joint_1")
-    with pytest.raises(dj.JointsError, match="PotentialJoint of 'joint_2' pulls across the gap"):
+    with pytest.raises(dj.JointsError, match=r"'joint_2' \(PotentialJoint\) would have a traction"):
         run.grout(["joint_2"], gap=1e-5)
     for state in (run.grout(["joint_2"]), run.statics(joints=["joint_2"])):
         assert state.inactive == ("joint_1",)
@@ -385,7 +385,7 @@ def test_grout_in_keys_that_push_sideways_is_refused(bars):
         run.statics(joints="inactive")
         if refused:
             with pytest.raises(
-                dj.JointsError, match="of 'joint_1' responds to 1e.06 Pa of grout with"
+                dj.JointsError, match="'joint_1' .* has a shear traction under 1e.06 Pa of grout"
             ):
                 run.grout(pressure=GROUT)
         else:

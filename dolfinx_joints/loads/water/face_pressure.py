@@ -34,7 +34,7 @@ class HydrostaticPressure:
         level: Height of the water level, a coordinate along z (y in 2-D) [m].
         density: Density of the water [kg/m^3].
         gravity: g [m/s^2].
-        factor: Multiplier at a time [s]; 1 by default.
+        factor: Function of time [s] that multiplies the pressure; 1 by default.
 
     Example:
         >>> from mpi4py import MPI
@@ -74,7 +74,7 @@ class SiltPressure:
         density: Submerged (buoyant) density rho' [kg/m^3].
         coefficient: Earth-pressure coefficient K, such as 1 - sin(phi) at rest.
         gravity: g [m/s^2].
-        factor: Multiplier at a time [s]; 1 by default.
+        factor: Function of time [s] that multiplies the pressure; 1 by default.
     """
 
     group: str

@@ -28,9 +28,9 @@ class Section:
         stiffness: Stiffness matrix [N/m^2].
         losses: Dashpots of floor and banks [N s/m^2].
         driven: Forces per velocity of the ground along each axis, shape (n, gdim), [N s/m^2].
-        by_rate: Forces on the absorbing far end per dy/dt of the uniform wave, shape (unknowns of
-            the water, unknowns of the section), [N s/m].
-        by_place: Forces per y of the uniform wave, same shape [N/m].
+        by_rate: Forces on the absorbing far end per dy/dt of the uniform wave y = phi / c, shape
+            (unknowns of the water, unknowns of the section), [N s/m].
+        by_place: Forces on the far end per y of the uniform wave, shaped like ``by_rate``, [N/m].
     """
 
     mass: csr_array

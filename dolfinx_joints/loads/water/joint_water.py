@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Water pressure in joints: prescribed uplift, and pressures that depend on the joint opening.
 
-A pressure p pushes the two faces of a joint apart: its load is B^T (w p e_n). The tractions of the
-joints are then effective tractions: total = effective - p.
+A pressure p pushes the two faces of a joint apart. Its nodal forces are B^T (w p e_n): B maps
+displacements to gaps, w are the areas of the joint points, and e_n = (1, 0, 0) is the normal
+direction of a gap. The normal traction of a joint is then effective: total = effective - p.
 """
 
 from __future__ import annotations
@@ -49,8 +50,9 @@ class SeepageLine:
         end: Coordinates of the downstream end, (gdim,) [m].
         upstream: Level at the start, a height along z (y in 2-D) [m].
         downstream: Level at the end [m].
-        drain: Position of the drain as a share of the line, and the share of the level difference
-            that remains there, such as (0.15, 1/3); no drain by default.
+        drain: Distance of the drain from the start, divided by the length of the line, and the
+            fraction of the level difference that remains at the drain, such as (0.15, 1/3); no
+            drain by default.
         density: Density of the water [kg/m^3].
         gravity: g [m/s^2].
     """
@@ -98,7 +100,7 @@ class Uplift:
     Attributes:
         joint: Name of the joint.
         pressure: Number, at least 0, or function of points (n, 3), such as `SeepageLine` [Pa].
-        factor: Multiplier at a time [s]; 1 by default.
+        factor: Function of time [s] that multiplies the pressure; 1 by default.
 
     Example:
         >>> from mpi4py import MPI
@@ -127,7 +129,10 @@ class Uplift:
         return [(opening_force(model, self.at_points(model)), self.factor)]
 
     def at_points(self, model: LoadedBody) -> Floats:
-        """Return the pressure at local joint points, (n,), [Pa], 0 in other joints (collective)."""
+        """Return the pressure at the joint points of this rank, shape (n,), [Pa] (collective).
+
+        The pressure is zero in all other joints.
+        """
         return given_pressure(model, self, "pressure", joint_points(model, self))
 
 
@@ -137,20 +142,23 @@ class JointWater:
     """Reservoir water in a joint, with full hydrostatic pressure at open points.
 
     In statics, openings and pressures are iterated until they agree. In dynamics, the openings at
-    the start of a step determine the pressure at its end; the mean of both pressures acts.
+    the start of a step determine the pressure at its end. During the step the joint is under the
+    mean of the pressures at the start and at the end of the step.
 
     Attributes:
         joint: Name of the joint.
         level: Height of the water level, a coordinate along z (y in 2-D) [m].
         aperture: Gap above which a point is open [m].
-        closed: Pressure at points that are closed or not reached, like `Uplift.pressure` [Pa].
+        closed: Pressure at all points without full pressure [Pa], a number or a function as in
+            `Uplift.pressure`.
         reached_from: Name of a facet group. If given, only open points that are connected with the
             group by open points have the full pressure; by default all open points.
-        in_dynamics: ``follows``: depends on the openings in each step. ``frozen``: as at the start
-            of the stage. ``drained``: like ``frozen``, but zero at open points that are not full.
+        in_dynamics: ``follows``: the pressure follows the openings, step by step. ``frozen``: the
+            pressure stays as at the start of the stage. ``drained``: like ``frozen``, but the
+            pressure is zero at open points that did not have full pressure at the start.
         density: Density of the water [kg/m^3].
         gravity: g [m/s^2].
-        factor: Multiplier at a time [s]; 1 by default.
+        factor: Function of time [s] that multiplies the pressure; 1 by default.
     """
 
     joint: str
@@ -167,18 +175,19 @@ class JointWater:
         _check_pressure("JointWater: closed", self.closed)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Return no patterns, since the pressure is not fixed."""
+        """Return no constant force patterns, since the pressure depends on the openings."""
         return []
 
     def in_joint(self, name: str, model: LoadedBody) -> WaterInJoint:
-        """Return the pressures for a model (collective)."""
+        """Return the object that computes the pressures in a model's joint (collective)."""
         return WaterInJoint(name, self, model)
 
     def at_points(self, model: LoadedBody, joints: Response) -> Floats:
-        """Return the pressure at local joint points for given openings, (n,), [Pa] (collective).
+        """Return the pressure at the joint points of this rank, shape (n,), [Pa] (collective).
 
-        The pressure excludes ``factor`` and is zero in other joints. ``joints`` is a response such
-        as ``StaticState.joints``, or of a dynamic stage if ``in_dynamics`` is ``follows``.
+        The openings are those of the response ``joints``, for example `StaticState.joints`. The
+        response may be of a dynamic stage only if ``in_dynamics`` is ``follows``. The pressure is
+        not multiplied by ``factor``, and is zero in all other joints.
         """
         water = self.in_joint(label(self), model)
         return water.pressure(water.by_opening(joints.state.gap))
@@ -193,7 +202,10 @@ class Wetness(IntEnum):
 
 
 class WaterInJoint:
-    """Pressures of a `JointWater`; see `JointPressure` for the methods."""
+    """Pressures of a `JointWater` in a model; see `JointPressure` for the methods.
+
+    Codes are the values of `Wetness` at the joint points of this rank, shape (n,).
+    """
 
     def __init__(self, name: str, load: JointWater, model: LoadedBody) -> None:
         """Compute the pressure of each point in the closed and in the full state (collective)."""
@@ -208,7 +220,7 @@ class WaterInJoint:
             self._paths = OpenPaths(model, load.joint, load.reached_from)
 
     def pressure(self, codes: Codes) -> Floats:
-        """Return the pressure of each point."""
+        """Return the pressure of each point [Pa] for its code."""
         return np.take_along_axis(self._pressures, codes[None].astype(np.int64), 0)[0]
 
     def factor(self, time: float) -> float:
@@ -216,7 +228,7 @@ class WaterInJoint:
         return number_at(f"{self.name}: factor", self._load.factor, time)
 
     def by_opening(self, gap: Floats) -> Codes:
-        """Return FULL for points that are open and reached, CLOSED for others (collective)."""
+        """Return the codes: FULL at open points that water reaches, else CLOSED (collective)."""
         is_full = self._open(gap)
         if self._paths is not None:
             is_full = self._paths.reached(is_full)
@@ -237,7 +249,7 @@ class WaterInJoint:
 
 
 def joint_points(model: LoadedBody, load: JointLoad) -> Flags:
-    """Return True for the local joint points in the joint of a load, shape (n,)."""
+    """Return True for the joint points of this rank in the joint of a load, shape (n,)."""
     names = () if model.operator is None else model.operator.names
     if model.operator is None or load.joint not in names:
         joints = ", ".join(names) or "none"
@@ -246,7 +258,10 @@ def joint_points(model: LoadedBody, load: JointLoad) -> Flags:
 
 
 def given_pressure(model: LoadedBody, load: JointLoad, attribute: str, in_joint: Flags) -> Floats:
-    """Evaluate a pressure of a load at the points of its joint, 0 at others [Pa] (collective)."""
+    """Evaluate the attribute of a load that is a pressure at the joint points (collective).
+
+    The result is zero at points of other joints, shape (n,), [Pa].
+    """
     assert model.operator is not None
     value, points = getattr(load, attribute), model.operator.points[in_joint]
     name, comm = f"{label(load)}: {attribute}", model.operator.comm
@@ -261,7 +276,7 @@ def given_pressure(model: LoadedBody, load: JointLoad, attribute: str, in_joint:
 
 
 def opening_force(model: LoadedBody, pressure: Floats) -> PETSc.Vec:
-    """Return B^T (w p e_n) [N] for pressures p at local joint points, (n,) [Pa] (collective)."""
+    """Return the nodal forces B^T (w p e_n) [N] of pressures p, shape (n,), [Pa] (collective)."""
     assert model.operator is not None
     traction = np.zeros((len(pressure), 3))
     traction[:, 0] = pressure

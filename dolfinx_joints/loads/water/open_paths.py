@@ -27,8 +27,8 @@ class OpenPaths:
     With a nodal rule, points of the same facet and coincident points are neighbours. Paths begin at
     points on the group. With a Gauss rule, points of the same facet and of facets with a common
     edge (in 2-D: vertex) are neighbours. Paths begin in facets with an edge (vertex) on the group.
-    Coordinates are compared instead of node numbers: where another joint crosses, nodes are
-    duplicated, but water passes.
+    Water passes another joint that crosses, although nodes are duplicated there. Points are
+    therefore compared by coordinates instead of node numbers.
 
     Neighbours are linked by a common hub: a facet, an edge or a place. One rank stores each hub.
     """
@@ -71,7 +71,7 @@ class OpenPaths:
         self._linked = RowsAt(comm, len(self._starts), points)
 
     def reached(self, open_points: Flags) -> Flags:
-        """Return True for the local open points that are connected with the group (collective)."""
+        """Return True for the rank's open points that are connected with the group (collective)."""
         passable = self._linked(open_points)
         link_open = passable[self._point]
         label = connected(self._point[link_open], self._hub[link_open], self._size)[: len(passable)]

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Water pressures in joints: loads that depend on the openings (`JointWaters`), and all pressures.
 
-The state of the water is one number per joint point (`Wetness`), which determines all pressures. It
-is constant within a static solve and within a time step.
+The state of the water is one code per joint point (`Wetness`), which determines all pressures. The
+codes are fixed within a static solve. In a time step, codes at its start and end are fixed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dolfinx_joints.mesh.cells import Floats
 
 @dataclass(frozen=True)
 class _End:
-    """Water at the start or end of a step: codes of local points, forces without factors [N]."""
+    """Water at the start or end of a step: codes of the rank's points, unscaled forces [N]."""
 
     codes: Codes
     forces: list[PETSc.Vec]
@@ -54,16 +54,16 @@ class JointWaters:
 
     @property
     def codes(self) -> Codes:
-        """Wetness of the local points at the end of the step."""
+        """Wetness of the points of this rank at the end of the step."""
         return self._end.codes
 
     @property
     def entered(self) -> Codes:
-        """Wetness of the local points at the start of the static solve or of the step."""
+        """Wetness of the points of this rank at the start of the static solve or of the step."""
         return self._entered.codes
 
     def enter(self, gap: Floats, codes: Codes | None = None) -> Codes:
-        """Begin a stage at a gap (n, 3) [m], with codes if given (collective)."""
+        """Begin a stage at a gap (n, 3) [m]; by default it determines the codes (collective)."""
         self._start = self._end = self._forces_for(self.by_opening(gap) if codes is None else codes)
         self._entered = self._start
         return self._end.codes
@@ -73,7 +73,7 @@ class JointWaters:
         return np.max([part.by_opening(gap) for part in self._parts], axis=0)
 
     def begin_step(self, codes: Codes, gap: Floats) -> None:
-        """Set the water at both ends of a time step from the state at its start (collective)."""
+        """Set the water at start and end of a step from the state at its start (collective)."""
         self._start = self._forces_for(codes)
         self._end = self._forces_for(
             np.max([part.in_step(codes, gap) for part in self._parts], axis=0)
@@ -150,7 +150,10 @@ class WaterPressures:
         return np.max(codes, axis=0) if codes else None
 
     def __call__(self, time: float, codes: Codes | None) -> Floats:
-        """Return the pressure at local joint points, (n,), [Pa]; codes: ``DynamicState.water``."""
+        """Return the pressure at the joint points of this rank, shape (n,), [Pa].
+
+        The codes are `DynamicState.water`, None if no load depends on the openings.
+        """
         total = np.zeros(self._size)
         for pressure, factor in self._uplifts:
             total += float(factor(time)) * pressure

@@ -233,7 +233,7 @@ class _Meshed:
         return closest, gap
 
     def _gap(self, places: Floats, sizes: Floats, closest: ClosestPoints) -> _Gap:
-        """Return the worst gap at places; sizes as in `_closest`."""
+        """Return the worst gap at places on the dam; see `_closest` for ``sizes``."""
         sizes = np.maximum(sizes, self._face.sizes[closest.facet])
         ratios = np.where(closest.converged, closest.distance / sizes, np.inf)
         index = int(ratios.argmax())
@@ -264,7 +264,10 @@ class _Meshed:
     def _entries(
         self, points: WettedPoints, acts: Flags, closest: ClosestPoints, model: LoadedBody
     ) -> tuple[Floats, tuple[Ints, Ints]]:
-        """Return values, rows and columns of the coupling at the points (pieces, q) that act."""
+        """Return values, rows and columns of the coupling.
+
+        The flags ``acts`` are True at quadrature points with an area, shape (pieces, points).
+        """
         basis, dofs = self._face.shape_functions(closest.local), self._of_face[closest.facet]
         blocks = model.V.dofmap.index_map.local_to_global(points.nodes.ravel().astype(np.int32))
         blocks = blocks.reshape(points.nodes.shape)[np.nonzero(acts)[0]]

@@ -62,8 +62,10 @@ class ReservoirWaves:
         gravity_waves: True for p = rho g times the elevation of the surface instead of p = 0.
         far_end: ``radiating``: absorbs plane waves along the reservoir; ``rigid``: a wall.
         absorbing_length: Length of a part with increasing damping before the far end, zero or at
-            least two elements [m]. It also absorbs slow waves near the section's frequencies.
-        layers: Number of elements along the reservoir; by default twice as long as the face edges.
+            least two elements [m]. It also absorbs slow waves, which are near the natural
+            frequencies of the cross-section.
+        layers: Number of elements along the reservoir. By default an element is twice as long as
+            the mean edge on the face.
     """
 
     group: str
@@ -187,7 +189,7 @@ class _Extruded:
         )
 
     def _section(self) -> Section | None:
-        """Return the section, with far-end forces of its wave; None without an absorbing end."""
+        """Return the cross-section for `FarField`; None without an absorbing far end."""
         waves, end = self._waves, len(self._s) - 1
         if waves.far_end == "rigid" and not waves.absorbing_length:
             return None

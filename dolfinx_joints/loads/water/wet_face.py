@@ -143,7 +143,7 @@ def check_reaches_level(water: Extruded, face: WaterFace) -> None:
     if lids := regions_below_level(face):
         raise ValueError(
             f"{water}: {lids} separate regions of the face do not reach up to the level of "
-            f"{water.level:g} m; each must, because the face is the cross-section of the reservoir."
+            f"{water.level:g} m. All regions must, because they are the cross-section of the water."
         )
 
 

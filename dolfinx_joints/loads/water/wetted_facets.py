@@ -28,8 +28,10 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 DIVISIONS = 8
 _CHUNK = 128  # number of pieces of facets evaluated at a time
-_FLAT = 1e-4  # a piece is horizontal if its corner depths differ by less, relative to the depth
-_LINEAR = 1e-9  # heights are linear if mid-edges deviate by less, relative to the facet's height
+# A piece is horizontal if the depths of its corners differ by less than this fraction of the depth.
+_FLAT = 1e-4
+# Heights are linear if mid-edges deviate by less than this fraction of the facet's height.
+_LINEAR = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Largest opening, slip and pressure of a joint, and its safety against sliding, over time."""
+"""Time histories of a joint: largest opening, slip and pressure of its points, sliding safety."""
 
 from __future__ import annotations
 
@@ -28,28 +28,29 @@ from dolfinx_joints.results.reader import Results
 
 FrictionAngle = Annotated[float, at.Interval(ge=0.0, lt=90.0), at.Unit("degrees")]
 
-# Forces below this share of the largest force on a joint over a run count as zero. For sums of
-# magnitudes the share is larger, because rounding errors at the points do not cancel in them.
+# Forces below NEGLIGIBLE times the largest force on a joint during a run count as zero. The limit
+# of a sum of magnitudes is NEGLIGIBLE_SUM: rounding errors of the points do not cancel in the sum.
 NEGLIGIBLE, NEGLIGIBLE_SUM = 1e-12, 1e-9
 
-# Values above this share of the largest value count as equal to it. The first of these points is
-# chosen, so that the choice does not depend on rounding errors or on the number of ranks.
+# A value above this fraction of the largest value counts as the largest value. The place of the
+# largest value is the first point that has it, regardless of rounding errors and number of ranks.
 ALIKE = 1.0 - 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointExtremes:
-    """Extremes over the points of a joint, its mean pressure and its safety, over time.
+    """Time histories of the extremes of a joint's points, its mean pressure and its safety.
 
     Each series in ``values`` is also an attribute. ``opening`` and ``slip`` are the largest values
-    of all points [m]; the slip is the tangential gap relative to the first record.
-    ``opening_at`` and ``slip_at`` are their places, shape (records, 3), [m], NaN if all values are
-    zero. ``pressure`` is the largest and ``mean_pressure`` the mean pressure [Pa], effective in
-    joints with water. ``safety`` is `safety_against_sliding`. All shapes are (records,).
+    of all points [m]; the slip is the change of the tangential gap since the first record.
+    ``opening_at`` and ``slip_at`` are the points with these values, shape (records, 3), [m], NaN if
+    all values are zero. ``pressure`` is the largest and ``mean_pressure`` the mean contact pressure
+    [Pa], without the pressure of water in the joint. ``safety`` is `safety_against_sliding`. Series
+    other than places have the shape (records,).
 
     Attributes:
         time: Times, shape (records,), [s].
-        values: Series by the names of the stream ``joints``; older files may have fewer.
+        values: Series by name; files of older versions may have fewer.
     """
 
     time: Floats
@@ -94,17 +95,19 @@ def joint_extremes(
 def safety_against_sliding(
     friction: float, compression: Floats, shear_sum: Floats, bond: Floats
 ) -> Floats:
-    """Return the shear strength of a joint divided by its shear, each summed over points, (...).
+    """Return the shear strength of a joint divided by its shear, both summed over its points.
 
     The safety is (mu C + c A) / S, where C and S are the integrals of compression and shear of
-    `JointPoints`. It does not depend on a mean normal, so curved and closed surfaces are allowed.
+    `JointPoints`. It does not depend on a mean normal, so the joint may be curved, or closed like a
+    cylinder.
 
-    It is 1 if all points slide, and never less, because friction limits the shear of every point.
+    The safety is 1 if all points slide, and never less: friction limits the shear of every point.
     At a safety of 2, half of the total strength is used, but single points may slide. In a plane
     joint with shear in one direction, the safety is the ratio of the resultants, (mu N + c A) / V.
-    Shear that is in equilibrium within the joint reduces the safety.
+    Opposite shear tractions cancel in V but not in S: they reduce the safety.
 
-    The safety is infinite without shear, and NaN if no force is transmitted or mu is unknown.
+    The safety is infinite without shear, and NaN if no force is transmitted or mu is unknown. It
+    has the shape of the forces, which is arbitrary.
 
     Args:
         friction: mu; NaN if the law does not limit the shear, or is unknown.
@@ -118,21 +121,21 @@ def safety_against_sliding(
 
 
 def ratio(strength: Floats, shear: Floats, negligible: float) -> Floats:
-    """Return strength / shear, with values up to ``negligible`` set to zero, shape (...)."""
+    """Return strength / shear of equal shapes; values up to ``negligible`` count as zero."""
     strength = np.where(strength <= negligible, 0.0, strength)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(strength / np.where(shear > negligible, shear, 0.0))
 
 
 def open_points(gap: Floats, traction: Floats) -> Flags:
-    """Return flags of open joint points, with a positive gap and no traction, (..., points)."""
+    """Return True for joint points with a positive gap and no traction, shape (..., points)."""
     # Loaded points of rigid joints may have positive gaps of rounding size: they are not open.
     negligible = 1e-12 * np.abs(traction).max(axis=(-2, -1), initial=0.0, keepdims=True)[..., 0]
     return (gap[..., 0] > 0.0) & (np.abs(traction[..., 0]) <= negligible)
 
 
 def strength_of(results: Results, joint: str, angle: float | None) -> tuple[float, float]:
-    """Return the friction coefficient, NaN for a law without friction angle, and cohesion [Pa]."""
+    """Return friction coefficient and cohesion [Pa]; without a friction angle the first is NaN."""
     law = results.law(joint)
     angle = law.get("friction_angle_deg") if angle is None else angle
     cohesion = float(law.get("cohesion", 0.0))
@@ -149,7 +152,7 @@ def recorded(results: Results, joint: str) -> bool:
 def state_points(
     results: Results, stream: str, joint: str, cohesion: float, rows: slice
 ) -> JointPoints:
-    """Return the state of the points of a joint at records of a stream, (records, points, ...)."""
+    """Return the states of a joint's points, recorded in the given rows of a stream."""
     where = f"joints/{joint}"
     gap, traction = (
         gaps(results, stream, joint, rows),
@@ -162,13 +165,13 @@ def state_points(
 
 
 def drawn_series(joints: Iterable[JointExtremes]) -> list[Quantity]:
-    """Return the rows of the series to draw, which all joints have; the safety is last."""
+    """Return the series to draw, which are in the extremes of all joints; the safety is last."""
     given, rows = list(joints), (*JOINT_SERIES, *rows_below("joints", "*/safety"))
     return [row for row in rows if all(row.key in joint.values for joint in given)]
 
 
 def _series(results: Results, joint: str, rows: slice) -> dict[str, Floats]:
-    """Return the series of the stream ``joints`` by name; older files may have fewer."""
+    """Return the recorded series of a joint by name; files of older versions may have fewer."""
     names = results.streams["joints"]
     keys = [row.key for row in TABLE["joints"] if f"{joint}/{row.key}" in names]
     series = {key: results.series("joints", f"{joint}/{key}", rows) for key in keys}

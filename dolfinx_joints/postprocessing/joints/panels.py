@@ -58,7 +58,7 @@ def joint_panels(results: Results, quantity: JointQuantity = "opening") -> Figur
     for ax in panels[len(results.joints) :]:
         ax.set_visible(False)
     for ax in panels[max(0, len(results.joints) - columns) : len(results.joints)]:
-        ax.tick_params(labelbottom=True)  # also above empty panels of the last row
+        ax.tick_params(labelbottom=True)  # the lowest panel of a column may be above the last row
     figure.supxlabel("time [s]", fontsize="small")
     figure.supylabel(series.heading, fontsize="small")
     return figure

@@ -3,7 +3,7 @@
 """Forces and moments in joints, and the safety of joints against sliding, from a results file.
 
 Forces act on the + side of a joint; the forces on the - side are opposite. In joints with water
-the forces are effective, and the forces of the water are separate.
+the forces are effective: they exclude the forces of the water, which are separate quantities.
 """
 
 from __future__ import annotations
@@ -159,8 +159,8 @@ class JointResultants(_Resultants):
     def plane_safety(self) -> Floats:
         """Sliding safety of the resultants on the mean plane, (mu N + bond) / |V|, shape (...).
 
-        For a plane joint it is at least ``sliding_safety``, because shear in equilibrium within the
-        joint does not count. Both are equal if the shear has one direction. The value is infinite
+        For a plane joint it is at least ``sliding_safety``, because opposite shear tractions cancel
+        in V. The two safeties are equal if the shear has one direction. The value is infinite
         without shear, and NaN without a force or mu, or if the joint is not nearly plane.
         """
         if not self.geometry.nearly_plane:

@@ -31,14 +31,15 @@ _ELEVATION = "elevation [m]"
 # Tolerance in reference coordinates: a corner closer to the bisector of two points counts as on the
 # bisector, so that rounding errors do not assign it to either side.
 ON_BISECTOR = 1e-9
-_FLAT = 0.8  # least squared length of the mean normal of a flat joint: normals within 27 degrees
+# Least squared length of the mean normal of a flat joint, whose normals are within 27 degrees.
+_FLAT = 0.8
 
 MAP_LABELS = LABELS | {
     "opening": "opening [mm]",
     "slip": "tangential gap [mm]",
     "state": "state of the points",
 }
-# In the order of their numbers in the file. Tied points have a fixed colour in every map.
+# States in the order of their numbers in the file. Tied points have one colour in all maps.
 STATES = {
     "open": OPEN,
     "sticking": "#9ecae1",
@@ -123,7 +124,7 @@ class JointFacets:
 
 
 class JointSurface(JointFacets):
-    """Joint mapped to a plane: points, facets and the patch of each point, all (.., 2) [m].
+    """Joint mapped to a plane: points, facets and the patch of each point, in 2-D coordinates [m].
 
     The plane is the mean plane of the joint. A curved joint, such as the perimetral joint of a dam,
     is unrolled.

@@ -10,7 +10,7 @@ import numpy as np
 
 from dolfinx_joints.common.arrays import Floats, Ints
 
-_SAME = 1e-6  # relative to the size of the surface: closer points are merged
+_SAME = 1e-6  # distance of points to merge, divided by the size of the surface
 
 
 class Unrolled(NamedTuple):
@@ -104,7 +104,7 @@ def _conformal_map(triangles: Ints, flat: Floats, points: Floats) -> Floats:
 
     first_pin = int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))
     second_pin = int(np.argmax(np.linalg.norm(points - points[first_pin], axis=1)))
-    edges = np.roll(flat, 1, axis=1) - np.roll(flat, -1, axis=1)  # opposite to each corner
+    edges = np.roll(flat, 1, axis=1) - np.roll(flat, -1, axis=1)  # edge opposite to each corner
     edges /= np.sqrt(np.abs(_doubled_areas(flat)))[:, None, None]
     rows = np.repeat(np.arange(len(triangles)), 3)
     shape = (len(triangles), len(points))
@@ -131,7 +131,7 @@ def _orient(plane_points: Floats, points: Floats) -> tuple[Floats, bool]:
     the abscissa to the left bank.
     """
     centred, places = plane_points - plane_points.mean(axis=0), points - points.mean(axis=0)
-    slope, *_ = np.linalg.lstsq(centred, places, rcond=None)  # (2, 3), by x, y, z
+    slope, *_ = np.linalg.lstsq(centred, places, rcond=None)  # rows: plane axes, columns: x, y, z
     unexplained = np.sum((places - centred @ slope) ** 2, axis=0) / np.sum(centred**2)
     upright = bool(unexplained[2] <= unexplained[0])
     up = slope[:, 2] if upright else -slope[:, 0]

@@ -31,10 +31,10 @@ from dolfinx_joints.simulation.statics.unfinished import (
     points_of,
 )
 
-# Largest number of Newton iterations for the gap at which a law carries the grout pressure.
+# Largest number of Newton iterations for the gap at which a joint has the grout pressure.
 MOST_ITERATIONS = 50
 
-# Tractions below this fraction of k_n times the opening count as zero.
+# Tractions below this fraction of the normal stiffness times the opening count as zero.
 SAME = 1e-9
 
 
@@ -45,10 +45,12 @@ def with_inactive(
     u: PETSc.Vec,
     stage: Unfinished,
 ) -> Response:
-    """Return the response of all points at a displacement [m], idle points at rest (collective).
+    """Return the response of all joint points at a displacement u [m] (collective).
 
-    ``response`` belongs to the active points, None if no joint is active; ``before`` is the initial
-    state. Points next to absent blocks have their initial gap: these blocks are cast later.
+    Idle points (of inactive joints, and next to absent blocks) are open, without traction and
+    history. All other points have the given ``response``, None if no joint is active. ``before`` is
+    the state at the start of the stage. Points next to absent blocks have the initial gap of the
+    model, because these blocks are cast later.
     """
     gap = contact.gap(u)
     if before.joints is not None:
@@ -71,8 +73,10 @@ def grout_joints(
 ) -> StaticState:
     """Return the static state after grouting; displacements change only if ``pressure`` > 0.
 
-    See `Simulation.grout` for the arguments (collective). The function ``press`` runs `march` from
-    ``before`` with inactive parts ``stage`` and tractions ``apart`` that push joint faces apart.
+    See `Simulation.grout` for ``names``, ``gap`` and ``pressure`` (collective). ``before`` is the
+    state before grouting. The function ``press`` returns the equilibrium under grout pressure: it
+    runs `march` from ``before``, with its arguments ``stage`` (joints and blocks that do not act)
+    and ``apart`` (tractions of the grout on the joint faces).
     """
     check_joints(model, names or ())
     check_elastic(model)
@@ -104,13 +108,15 @@ def grout_joints(
     reset = _with_pressure(contact, _at_rest(model, contact, target, slip), filled, pressure)
     if gap:
         _check_open(contact, (reset.traction - earlier.traction) * filled[:, None], gap)
-    # Joints with laws that pull across a gap, such as bonds in UFL, remain inactive until grouted.
+    # If the law gives a traction at an open gap (a bond in UFL), the joint stays inactive until it
+    # is grouted.
     pull = contact.integrals((unfilled & inactive & ~idle_points(reset)).astype(np.float64))
     areas = zip(model.jointed.joint_names, pull, strict=True)
     remaining = tuple(name for name, area in areas if name not in chosen and area > 0.0)
     activated = idle & inactive & ~points_of(model, remaining)
     joints = _combine(filled | activated, reset, response)
-    # Water in a grouted joint follows the earlier opening until the next static stage updates it.
+    # The water forces of a grouted joint are those of the opening before grouting. Count their load
+    # as missing: a static stage must update it before a dynamic stage.
     named = zip(load_names(model.loads), model.loads, strict=True)
     wet = [n for n, load in named if isinstance(load, FollowsJoints) and load.joint in chosen]
     missing = tuple(sorted({*missing, *wet}))
@@ -121,9 +127,10 @@ def grout_joints(
 
 
 def _groutable_points(model: Model, contact: Contact, response: Response) -> Rows:
-    """Return a mask of the local points that grout can fill (collective).
+    """Return True for the joint points of this rank that grout can fill, shape (n,) (collective).
 
-    These points have no traction, or are open with keys whose traction would not change by closing.
+    Grout fills points without traction. It also fills open points whose keys transmit a traction,
+    if this traction would be the same at a closed gap.
     """
     gap, slip = response.state.gap, response.state.elastic_slip
     closed, open_ = _at_rest(model, contact, np.zeros_like(gap), slip), gap[:, 0] > 0.0
@@ -140,9 +147,10 @@ def _press(
     pressure: float,
     press: Callable[..., StaticState],
 ) -> tuple[StaticState, Response, Rows]:
-    """Return the state under grout pressure, the earlier response and filled points (collective).
+    """Return the state under grout pressure, responses before filling, and filled points.
 
-    Grout fills the selected open points, then selected points that the grout pressure opens.
+    Grout fills the selected open points, then selected points that the grout pressure opens. The
+    response of each point is the last one before the grout fills the point (collective).
     """
     contact, joints = model.contact, before.joints
     assert contact is not None
@@ -162,11 +170,13 @@ def _press(
 
 
 def _gap_at_pressure(model: Model, contact: Contact, filled: Rows, pressure: float) -> Floats:
-    """Return gaps at which filled points at rest carry a pressure [Pa], (n, 3), [m] (collective).
+    """Return the gaps at which the joint law gives a pressure [Pa], (n, 3), [m] (collective).
+
+    The filled points have no shear displacement and no history.
 
     Raises:
-        JointsError: A law cannot carry the pressure at any gap, or only together with a shear
-            traction, which nothing balances.
+        JointsError: A joint law gives this pressure at no gap, or gives it only together with a
+            shear traction. The grout cannot balance shear.
     """
     stiffness = contact.closed_stiffness()[:, 0]
     gap, smallest = np.zeros((len(stiffness), 3)), math.inf
@@ -181,36 +191,40 @@ def _gap_at_pressure(model: Model, contact: Contact, filled: Rows, pressure: flo
         smallest, slope = max(errors), response.tangent[:, 0, 0]
         gap[:, 0] -= np.divide(excess, slope, out=np.zeros_like(excess), where=slope != 0.0)
     raise JointsError(
-        f"The joint laws cannot carry the grout pressure of {pressure:g} Pa at any gap: the "
-        f"smallest difference is {smallest:.3g} Pa. Grout without pressure."
+        f"The joints do not reach the grout pressure of {pressure:g} Pa at any gap: the nearest "
+        f"pressure differs by {smallest:.3g} Pa. Grout without pressure."
     )
 
 
 def _check_no_shear(contact: Contact, traction: Floats, pressure: float) -> None:
-    """Check that no law responds to a pressure [Pa] with shear (collective)."""
+    """Check that no joint has a shear traction under a grout pressure [Pa] (collective)."""
     shear = np.linalg.norm(traction[:, 1:], axis=1)
     joint = contact.worst_joint(np.where(shear > 1e-6 * pressure, shear, 0.0))
     if joint is not None:
         raise JointsError(
-            f"The {type(contact.laws[joint]).__name__} of {joint!r} responds to {pressure:g} Pa of "
-            "grout with shear, for example because only one flank of its keys is in contact. Grout "
-            "without pressure, or set equal play on both flanks, or more than overlap / tan(alpha)."
+            f"The joint {joint!r} ({type(contact.laws[joint]).__name__}) has a shear traction "
+            f"under {pressure:g} Pa of grout, for example because only one flank of its keys is in "
+            "contact. Grout without pressure, or give the keys equal play on both flanks, or more "
+            "play than overlap / tan(alpha)."
         )
 
 
 def _check_open(contact: Contact, traction: Floats, gap: float) -> None:
-    """Check that no law pulls across the gap that remains after grouting [m] (collective)."""
+    """Check that grouted joints have no traction at the gap after grouting [m] (collective)."""
     pull, scale = np.linalg.norm(traction, axis=1), gap * contact.closed_stiffness()[:, 0]
     joint = contact.worst_joint(np.where(pull > SAME * scale, pull, 0.0))
     if joint is not None:
         raise JointsError(
-            f"The {type(contact.laws[joint]).__name__} of {joint!r} pulls across the gap of "
-            f"{gap:g} m that would remain, and nothing balances this traction. Grout without a gap."
+            f"The joint {joint!r} ({type(contact.laws[joint]).__name__}) would have a traction "
+            f"at the remaining gap of {gap:g} m, and no force balances it. Grout without a gap."
         )
 
 
 def _at_rest(model: Model, contact: Contact, gap: Floats, slip: Floats | float = 0.0) -> Response:
-    """Return the response to gaps (n, 3) and elastic slips (n, 2) [m], no history (collective)."""
+    """Return the response to gaps (n, 3) and elastic slips (n, 2) [m] (collective).
+
+    The joint points have no other history.
+    """
     zero = model.stiffness.createVecRight()
     zero.set(0.0)
     rest = contact.resting(gap)
@@ -219,7 +233,7 @@ def _at_rest(model: Model, contact: Contact, gap: Floats, slip: Floats | float =
 
 
 def _with_pressure(contact: Contact, response: Response, filled: Rows, pressure: float) -> Response:
-    """Return the response with the grout pressure as traction of filled rigid points."""
+    """Return the response with the grout pressure as traction at filled points of rigid joints."""
     rigid = filled & np.isinf(contact.closed_stiffness()[:, 0]) & (pressure > 0.0)
     traction = np.where(rigid[:, None], [-pressure, 0.0, 0.0], response.traction)
     status = np.where(rigid & (response.status == Status.OPEN), Status.STICK, response.status)
@@ -227,7 +241,7 @@ def _with_pressure(contact: Contact, response: Response, filled: Rows, pressure:
 
 
 def _combine(rows: Rows, new: Any, old: Any) -> Any:
-    """Return a response or array with the given rows of ``new`` and all other rows of ``old``."""
+    """Return a response or array with the given rows of ``new`` and the other rows of ``old``."""
     if isinstance(new, np.ndarray):
         if not new.size and not old.size:
             return new

@@ -19,11 +19,11 @@ MOST_SOLVES = 100
 
 
 class JointWaterIteration(SolverAround):
-    """Repeats a static load step until the water agrees with the resulting openings.
+    """Repeats a static load step until the water pressures agree with the resulting openings.
 
-    The first solve uses the water of the last load step. If water opens joints and open joints
-    admit water, openings only grow, and the iteration ends at the smallest consistent openings. At
-    the end the right-hand side includes the water forces.
+    The first solve uses the pressures of the last load step. If water opens joints and open joints
+    admit water, openings only grow, and the iteration ends at the smallest openings that agree with
+    their pressures. At the end the right-hand side includes the water forces.
     """
 
     def __init__(self, water: JointWaters, inner: StepSolver) -> None:

@@ -148,7 +148,8 @@ class _Equilibrium:
     ) -> None:
         """Start from a static state with a response and loads [N] (collective).
 
-        If ``constant`` is true, these loads stay constant while loads of the system are added.
+        If ``constant`` is true, the ``carried`` loads stay constant while the system's loads are
+        added.
         """
         self._system, self._constant, self._unloaded = system, constant, before.unloaded
         self._without_water = self.solver = solver
@@ -166,7 +167,7 @@ class _Equilibrium:
         self.ledger = StaticLedger(system, before.energy, self._start)
 
     def state(self, facts: Mapping[str, Any]) -> StaticState:
-        """Return the equilibrium as a state of the stage, with further attributes."""
+        """Return the equilibrium as a `StaticState`; ``facts`` are its other attributes."""
         return StaticState(
             displacement=self.displacement.copy(),
             joints=self.response,

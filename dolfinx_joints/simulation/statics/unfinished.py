@@ -189,8 +189,8 @@ def check_grouted(static: StaticState | None, inactive: Sequence[str] = ()) -> N
     if ungrouted:
         raise JointsError(
             f"These joints are still inactive: {', '.join(ungrouted)}; call grout() to close them. "
-            "grout([]) activates them with their present openings, if their laws do not pull "
-            "across an opening."
+            "grout([]) activates them with their present openings, unless their laws give "
+            "tractions at an opening."
         )
 
 

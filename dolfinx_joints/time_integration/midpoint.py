@@ -54,7 +54,7 @@ class _Midpoint:
     forces_over_steps: ClassVar[bool] = True
 
     def conserves(self, system: MatrixSystem) -> bool:
-        """Return True if the matrices are symmetric: the body's energy balance is then exact."""
+        """Return True if K and C are symmetric: the body's energy balance is then exact."""
         return system.symmetric
 
     def advance(
@@ -302,9 +302,9 @@ class _VelocityCorrection:
 def _rate_with_exact_square(rate: float) -> float:
     """Return ``rate`` rounded to 26 bits, so that its square is exact in double precision.
 
-    The step uses this rate, up to a relative 1.5e-8 from 2/dt, everywhere instead of 2/dt. Otherwise
-    2/dt and 2/dt^2 would be rounded differently, with the same error in each step: the energy would
-    drift by a relative 1e-11 in 1e5 steps.
+    The matrix and the update of a step use this rate, which differs from 2/dt by a relative 1.5e-8
+    at most. With 2/dt itself, 2/dt and 2/dt^2 would be rounded differently, with the same error in
+    each step: the energy would drift by a relative 1e-11 in 1e5 steps.
     """
     mantissa, exponent = math.frexp(rate)
     return math.ldexp(round(mantissa * 2**26) / 2**26, exponent)

@@ -159,14 +159,14 @@ class SupportForces:
         force.set(0.0)
         self._force = model.joined(force)
 
-    def take(self, reaction: PETSc.Vec, constrained: Ints) -> None:
+    def set_reactions(self, reaction: PETSc.Vec, constrained: Ints) -> None:
         """Store the reactions of a static state [N], except at dofs that are still constrained."""
         reactions = reaction.getArray(readonly=True)
         self._force.getArray()[: len(reactions)] = reactions
         self._force.getArray()[constrained] = 0.0
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Return the force vector; later calls of `take` change its values."""
+        """Return the force vector; `set_reactions` changes its values later."""
         return [(self._force, always)]
 
 

@@ -17,7 +17,7 @@ import dolfinx_joints as dj
 from dolfinx_joints.exact import ImpactOscillator
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
-from dolfinx_joints.time_integration.exact_steps import scaled
+from dolfinx_joints.time_integration.exact_steps import rescale
 from dolfinx_joints.time_integration.initial_state import initial_state
 from dolfinx_joints.time_integration.substeps import Stepper
 
@@ -197,16 +197,16 @@ def test_a_mass_that_strikes_a_stop(gap):
 
 
 def test_lengths_of_steps_keep_the_energy_of_the_body():
-    # Velocities are scaled for each length, and back where a scheme without exact modes goes on.
+    # Velocities are scaled for each length, and back if a scheme without exact modes follows.
     system, _, shape, _ = rods(1e6)
     states, ledger = march(system, [0.1, 0.05, 0.2, 0.025] * 5, exact=4, v0=shape)
     assert ledger.relative_imbalance < 1e-12
     last = states[-1]
-    back = scaled(system, last, 0, 0.0)
+    back = rescale(system, last, 0, 0.0)
     assert back.velocity.norm() != pytest.approx(last.velocity.norm(), rel=1e-6)
     assert back.kinetic_energy == pytest.approx(last.kinetic_energy, rel=1e-13)
     np.testing.assert_allclose(back.momentum.array, (system.mass * back.velocity).array, rtol=1e-12)
-    same = scaled(system, back, 4, last.rate)
+    same = rescale(system, back, 4, last.rate)
     np.testing.assert_allclose(same.velocity.array, last.velocity.array, rtol=1e-12, atol=1e-13)
 
 

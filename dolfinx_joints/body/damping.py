@@ -119,8 +119,8 @@ def rayleigh(
     if b * max(one, two) < smallest or a / max(one, two) < smallest:
         share = min(frequencies) / max(frequencies)
         raise ValueError(
-            f"ratio is {first, second} at {frequencies} Hz, which requires a negative factor of "
-            f"{'K' if b < 0 else 'M'}; second / first ratio must be between {share:.4g} "
-            f"and {1.0 / share:.4g} for these frequencies."
+            f"Damping ratios {first, second} at {frequencies} Hz require a negative factor of "
+            f"{'K' if b < 0 else 'M'}; the second ratio divided by the first must be between "
+            f"{share:.4g} and {1.0 / share:.4g} for these frequencies."
         )
     return Rayleigh(mass_factor=max(a, 0.0), stiffness_factor=max(b, 0.0))

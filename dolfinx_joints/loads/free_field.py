@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Loads from the ground outside the model: vertical incident waves and released reactions."""
+"""Forces from the ground outside the model: rising waves, and static reactions in dynamics."""
 
 from __future__ import annotations
 
@@ -36,17 +36,18 @@ SAMPLES = 80.0
 
 
 def incident_wave(outcrop: Motion) -> IncidentWave:
-    """Return the rising wave of an outcrop record: half of its velocity.
+    """Return the rising wave of a record on rock outcrop: half of the recorded velocity.
 
-    At a free surface, the incident and the reflected wave add up to twice the incident wave.
+    At a free surface, the rising and the reflected wave add up to twice the rising wave.
 
     Args:
         outcrop: Acceleration recorded on a rock outcrop [m/s^2].
 
     Returns:
-        Velocity of the rising wave at a time [s], shape (3,), [m/s]. It is zero before the record
-        and keeps its last value after the record, so correct the baseline. As for any ground
-        motion, `dynamics` removes the frequencies that its steps do not resolve.
+        Function of the time [s] that returns the velocity of the rising wave, (3,), [m/s]. The
+        velocity is zero before the record and keeps its last value afterwards: the record must be
+        baseline-corrected to end with zero velocity. As for any ground motion, `dynamics` removes
+        the frequencies that its steps do not resolve.
     """
     return IncidentWave(outcrop)
 
@@ -56,20 +57,22 @@ def incident_wave(outcrop: Motion) -> IncidentWave:
 class FreeField:
     """Plane wave that rises vertically through rock and is reflected at the horizontal surface.
 
-    The wave acts on viscous boundaries. The dashpots resist the velocity relative to the free
-    field, and the free-field stress is applied. On a horizontal bottom this load is twice the
-    dashpot traction at the incident velocity. The rock along the groups is one material or several
-    horizontal layers with reflections at the interfaces. Horizontal components are S waves; the
-    vertical component is a P wave. Displacements are absolute, so a ground motion is not allowed.
+    The free field is the motion of the rock without the structure. On viscous boundaries its stress
+    is applied, and the dashpots resist only the velocity relative to the free field. On a
+    horizontal bottom both together are twice the dashpot traction at the velocity of the rising
+    wave. The rock along the facet groups is one material, or several horizontal layers that reflect
+    waves at their interfaces. Horizontal components are S waves; the vertical component is a P
+    wave. Displacements are absolute, so a ground motion is not allowed.
 
     Attributes:
         groups: Names of facet groups with a viscous boundary: the bottom and the sides.
-        incident: Velocity of the rising wave at the base at a time [s], one number per axis [m/s];
-            see `incident_wave`. In 2-D, x and z of three numbers are used.
+        incident: Function of the time [s] that returns the velocity of the rising wave at the base,
+            one number per axis [m/s]; see `incident_wave`. In 2-D, x and z of three are used.
         surface: Height of the ground surface, a coordinate along z (y in 2-D) [m].
         base: Height at which ``incident`` is given [m]; the lowest node of the groups by default.
-        components: Letters of the axes of the motion; all axes by default.
-        highest_frequency: Highest frequency for which delays along the boundary are resolved [Hz].
+        components: Letters of the axes along which the wave moves; all axes by default.
+        highest_frequency: Highest frequency [Hz] at which travel times along the boundary are
+            resolved.
     """
 
     groups: Annotated[Sequence[str], at.MinLen(1)]
@@ -85,14 +88,21 @@ class FreeField:
             components_of(self.components, 3)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Return the forces of the rising and falling wave at each level (collective)."""
+        """Return force vectors with their factors of time (collective).
+
+        The boundary is divided into levels of equal travel time. Each level has one vector per axis
+        and direction of the wave, and the delayed wave as its factor.
+        """
         layers, columns = self._columns(model)
         spacing, up = 1.0 / (LEVELS * self.highest_frequency), np.eye(model.gdim)[-1]
         patterns: list[tuple[PETSc.Vec, TimeFactor]] = []
         for axis, column in columns.items():
             for number, layer in enumerate(layers):
-                slow = up / _speed(layer, axis, model.gdim)
-                waves = ((slow, layer.bottom, column.rising), (-slow, layer.top, column.falling))
+                upward = up / _speed(layer, axis, model.gdim)
+                waves = (
+                    (upward, layer.bottom, column.rising),
+                    (-upward, layer.top, column.falling),
+                )
                 for slowness, height, wave in waves:
                     forces = forces_of_levels(
                         model,
@@ -109,7 +119,7 @@ class FreeField:
     def surface_velocity(self, model: LoadedBody) -> Callable[[float], Floats]:
         """Return the free-field velocity of the surface, (3,) at a time [s], [m/s] (collective).
 
-        At the free surface it is twice the velocity of the rising wave.
+        At the free surface, the velocity is twice that of the rising wave.
         """
         layers, columns = self._columns(model)
 
@@ -149,19 +159,19 @@ class SupportForces:
         force.set(0.0)
         self._force = model.joined(force)
 
-    def take(self, reaction: PETSc.Vec, constrained: Ints) -> None:
+    def set_reactions(self, reaction: PETSc.Vec, constrained: Ints) -> None:
         """Store the reactions of a static state [N], except at dofs that are still constrained."""
         reactions = reaction.getArray(readonly=True)
         self._force.getArray()[: len(reactions)] = reactions
         self._force.getArray()[constrained] = 0.0
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Return the force vector; later calls of `take` change its values."""
+        """Return the force vector; `set_reactions` changes its values later."""
         return [(self._force, always)]
 
 
 def _speed(layer: Layer, axis: int, gdim: int) -> float:
-    """Return the speed of the vertical wave in a layer whose motion is along an axis [m/s]."""
+    """Return the speed [m/s] of the vertical wave in a layer that moves the rock along an axis."""
     return layer.pressure_speed if axis == gdim - 1 else layer.shear_speed
 
 

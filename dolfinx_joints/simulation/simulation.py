@@ -340,7 +340,7 @@ class Simulation:
             saved = keeper.load(self.monitors) if keeper and resume else None
             self.static = self.static if saved is None else saved.static
             if reactions and self.static is not None:
-                reactions[0].take(self.static.reaction, system.constrained)
+                reactions[0].set_reactions(self.static.reaction, system.constrained)
             state = saved.state if saved else first_state(solver, dt, self.static, state, fields)
             before = self.static, self.stages
             sudden = sudden_loads(self.model, system, state, *before, added) if begins else []

@@ -51,8 +51,8 @@ PATIENCE, LEAST_FALL, WHOLE_CORRECTIONS = 5, 0.9, 2
 # products, larger ones more iterations.
 BODY_FORCING, JOINT_FORCING, STATIC_FORCING = 0.1, 0.03, 3e-4
 
-# Share of the accepted residual that later corrections aim at. The last correction of the body
-# reduces the residual to the share POLISH, so that the energy balances to rounding error.
+# Share of the accepted residual below which no correction aims. One more correction of the body
+# then reduces the residual to its share POLISH, so that the energy balances to rounding error.
 FORCING_MARGIN, POLISH = 0.3, 0.01
 
 # The iteration on joint forces continues to this share of the tolerance, or to rounding error,
@@ -86,8 +86,8 @@ REFINEMENTS = 3
 # the last two accepted states. This start saves iterations under proportional loading.
 ON_LINE = 1e-3
 
-# Largest product c sigma in (28). A point that only its own spring supports has c sigma = 1, where
-# 1 / (1 - c sigma) is infinite; any smaller product gives the same solution.
+# Largest product c sigma with the artificial springs (27). At a point that only its own spring
+# supports, c sigma = 1 and 1 / (1 - c sigma) is infinite; a smaller c gives the same solution.
 SPRING_COMPLIANCE = 0.9
 
 # Share of the artificial springs kept in the Newton matrix. Without this share the matrix is
@@ -117,8 +117,8 @@ MOST_PRODUCTS = 100
 # Average number of products per correction, to compare the costs of active set and complement.
 TYPICAL_PRODUCTS = 10
 
-# Finest tolerances of systems in single precision, and with S compressed to ROUGH_COMPRESSION.
-# Tighter tolerances cannot be reached and would use up all products.
+# Tightest tolerances of GMRES in single precision, and with S compressed to ROUGH_COMPRESSION.
+# Tighter ones cannot be reached: GMRES would then compute all MOST_PRODUCTS products.
 FINEST_SINGLE, FINEST_COMPRESSED = 1e-5, 1e-3
 
 # Share of the squared norm of a new direction below which GMRES orthogonalises it once more.

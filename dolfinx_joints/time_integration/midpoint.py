@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Midpoint schemes for M a + C v + K u + B^T w t = F, for any matrices M, C and K."""
+"""Midpoint schemes for M a + C v + K u + B^T w t = F; unsymmetric M, C and K are allowed."""
 
 from __future__ import annotations
 
@@ -42,8 +42,11 @@ class _Midpoint:
         (2/dt^2 M + 1/dt C + 1/2 K) x + B^T w t = (F0 + F1)/2 + 2/dt M v0 - K u0.
 
     The product of this equation and x is the energy balance of the step: the changes of kinetic and
-    strain energy, the viscous loss, and the works of loads and joints. The balance closes to
-    rounding error.
+    strain energy, the viscous loss, and the works of loads and joints. If M and K are symmetric,
+    the balance closes to rounding error.
+
+    Attributes:
+        forces_over_steps: True: tractions and reactions are means over the step.
     """
 
     rule: ClassVar[Rule] = DISCRETE_GRADIENT
@@ -51,7 +54,7 @@ class _Midpoint:
     forces_over_steps: ClassVar[bool] = True
 
     def conserves(self, system: MatrixSystem) -> bool:
-        """Return True if K is symmetric: the energy balance is then exact."""
+        """Return True if K and C are symmetric: the body's energy balance is then exact."""
         return system.symmetric
 
     def advance(
@@ -60,8 +63,8 @@ class _Midpoint:
         """Compute one step; see `Scheme.advance` (collective)."""
         if solver.system.bulk is not None and self.rule != DISCRETE_GRADIENT:
             raise ValueError(
-                f"{type(self).__name__} evaluates the laws at the end of a step and the body at "
-                "mid-step, which plastic cells do not support; use EnergyConsistent."
+                f"{type(self).__name__} does not support plastic cells: it evaluates joint laws at "
+                "the end of a step, but the body at mid-step. Use EnergyConsistent."
             )
         rule = self.rule.over(dt)
         end = state.time + dt if end is None else end
@@ -77,17 +80,19 @@ class _Midpoint:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class EnergyConsistent(_Midpoint):
-    """Midpoint rule with a discrete gradient of the joint energy: the energy balance always closes.
+    """Midpoint rule with a discrete gradient of the joint energy, for an exact energy balance.
 
-    In each step the joints dissipate exactly the friction work, for any step length and joint
-    stiffness (`laws.points.discrete_gradient`). If all joints stick, or without joints, the scheme
-    equals Newmark's average acceleration. The scheme is accurate only if the step resolves the
-    motion. Check the local error, or let `StepControl` shorten the steps in which joints open or
-    close.
+    With symmetric matrices the balance closes to rounding error for any step length and joint
+    stiffness: friction joints dissipate exactly their friction work
+    (`laws.points.discrete_gradient`). Rigid joints with restitution 0 also lose energy in impacts.
+    Laws without a discrete gradient are evaluated at the end of the step; their energy error then
+    depends on the step. If all joints stick, or without joints, the scheme equals Newmark's average
+    acceleration. It is accurate only if the step resolves the motion: check the local error, or let
+    `StepControl` shorten the steps in which joints open or close.
 
     Attributes:
-        exact_modes: Number of lowest modes, of the body cut at its joints, whose frequency and
-            damping are exact; only modes with a circular frequency up to 1.5 / dt are corrected.
+        exact_modes: Number of lowest modes, of the body cut at its joints, that are integrated with
+            their exact frequency and damping. Modes above the circular frequency 1.5 / dt are not.
 
     Example:
         >>> from mpi4py import MPI
@@ -97,7 +102,7 @@ class EnergyConsistent(_Midpoint):
         >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
         >>> law = dj.Joints(dj.frictionless(normal_stiffness=1e9), initial_gaps={"joint_1": 0.001})
         >>> model = dj.Model(mesh, material=solid, joints=law, supports=[dj.Fixed(group="base")])
-        >>> up = lambda t: (0.0, 0.0, 10.0)  # the ground hits the upper block [m/s^2]
+        >>> up = lambda t: (0.0, 0.0, 10.0)  # ground acceleration [m/s^2]
         >>> run = dj.Simulation(model)
         >>> outcome = run.dynamics(dt=0.001, steps=20, motion=up, scheme=dj.EnergyConsistent())
         >>> abs(outcome.energy_error) < 1e-9
@@ -122,9 +127,9 @@ class _Step:
     """Equation of one step, and the quantities derived from its solution x.
 
     Attributes:
-        effective: Coefficients of the matrix.
-        rhs: Right-hand side of (14), less the remainder of the last step, plus the contributions
-            of prescribed dofs and exact modes [N].
+        effective: Coefficients of M', C' and K in the matrix of (14).
+        rhs: Right-hand side of (14) minus the residual that the last step left, and minus the
+            velocity correction times M' / dt [N].
         x: u1 - u0, an initial guess until the step is solved; at prescribed dofs exact [m].
         joints: State of the joints at the start, as passed to the laws.
     """
@@ -134,7 +139,7 @@ class _Step:
     ) -> None:
         """Set up the step of length dt [s] from a state to the time ``end`` [s] (collective)."""
         self._system, self._dt, self._time = system, dt, end
-        self._rate = rate = exact_square(2.0 / dt)
+        self._rate = rate = _rate_with_exact_square(2.0 / dt)
         self._before = state = rescale(system, state, modes, rate)
         self.effective = MatrixCoefficients(
             mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5, exact_modes=modes
@@ -150,26 +155,27 @@ class _Step:
         fixed = system.constrained
         increment = system.prescribed(self._time) - state.displacement.array[fixed]
         self.x.getArray()[fixed] = increment
-        self._prescribed = _PrescribedChange(system, state, self.x, rate, self._time, dt, exact)
-        self._prescribed.add(self._prescribed.momentum, self.rhs, -0.5 * rate)
-        self.joints = joints_before(system, state, self._prescribed.velocity, rate)
+        self._correction = _VelocityCorrection(system, state, self.x, rate, self._time, dt, exact)
+        self._correction.add(self._correction.momentum, self.rhs, -0.5 * rate)
+        self.joints = joints_before(system, state, self._correction.velocity, rate)
 
     @cached_property
     def _modal(self) -> Floats:
-        """Displacement increments of the exact modes, once x is solved, shape (used,), [m]."""
-        return self._amounts(self.x)
+        """Modal components of x, to be read after the solve, shape (used modes,), [m]."""
+        return self._modal_components(self.x)
 
     @cached_property
     def _modal_rates(self) -> Floats:
-        """Velocities of the exact modes at the start of the step, shape (used,), [m/s]."""
-        return self._amounts(self._before.velocity)
+        """Modal velocities at the start of the step, shape (used modes,), [m/s]."""
+        return self._modal_components(self._before.velocity)
 
-    def _amounts(self, vector: PETSc.Vec) -> Floats:
+    def _modal_components(self, vector: PETSc.Vec) -> Floats:
+        """Return phi.M u in the exact modes used in this step (collective)."""
         exact = self._exact
         return np.zeros(0) if exact is None else exact.modes.amounts(exact.used, vector)
 
     def products(self, joints: Response | None) -> Products:
-        """Return the products with x, including mass and damping of exact modes (collective)."""
+        """Return M' x, K x and the other products with x of the step (collective)."""
         system, exact = self._system, self._exact
         products = Products(system, self.effective, self.rhs, self.x, joints)
         if exact is not None:
@@ -181,11 +187,11 @@ class _Step:
         before, massless = self._before, self._system.massless
         velocity = combination((self._rate, self.x), (-1.0, before.velocity))
         momentum = combination((self._rate, products.mass), (-1.0, before.momentum))
-        self._prescribed.add(self._prescribed.velocity, velocity)
+        self._correction.add(self._correction.velocity, velocity)
         if len(massless):
             # The scheme does not determine velocities of massless dofs: use the mean of the step.
             velocity.getArray()[massless] = self.x.array[massless] / self._dt
-        self._prescribed.add(self._prescribed.momentum, momentum)
+        self._correction.add(self._correction.momentum, momentum)
         acceleration = combination((1.0, velocity), (-1.0, before.velocity))
         acceleration.scale(1.0 / self._dt)
         return DynamicState(
@@ -204,16 +210,20 @@ class _Step:
         )
 
     def work(self, products: Products, after: DynamicState, rule: Rule) -> StepWork:
-        """Return the works over the step, each by a separate formula (collective)."""
+        """Return the works over the step by separate formulas, to check (14) (collective)."""
         system, before, exact = self._system, self._before, self._exact
         loads = system.work_of_loads(self.x, before.time, self._time)
         if exact is not None:
-            of_supports = self._dt * exact.modes.support_amounts(exact.used, after.acceleration)
-            kicks = self._prescribed.works(self._modal, self._modal_rates, self._rate, of_supports)
-            for name, kick_work in kicks.items():
+            support_momentum = self._dt * exact.modes.support_amounts(
+                exact.used, after.acceleration
+            )
+            kick_works = self._correction.works(
+                self._modal, self._modal_rates, self._rate, support_momentum
+            )
+            for name, kick_work in kick_works.items():
                 loads[name] += kick_work
         supports = float(products.reaction.dot(self.x))
-        supports += self._prescribed.work(before.momentum, after.momentum)
+        supports += self._correction.work(before.momentum, after.momentum)
         return StepWork(
             loads=loads,
             supports=supports,
@@ -230,15 +240,16 @@ class _Step:
         return self._system.norm(change) * self._dt**2 / 12.0
 
 
-class _PrescribedChange:
+class _VelocityCorrection:
     """Correction of the update v1 = 2 x / dt - v0 at prescribed dofs and in exact modes.
 
     Prescribed dofs get the prescribed velocities. With the midpoint update their velocities would
-    oscillate without decay after each kink of the prescribed motion. Exact modes add a `LoadKick`.
+    oscillate without decay after each kink of the prescribed motion. In exact modes `LoadKick` adds
+    the velocity correction (19c) for loads that change in the step.
 
     Attributes:
         velocity: v1 - (2 x / dt - v0), None if zero [m/s].
-        momentum: M times ``velocity``, None if zero [N s].
+        momentum: M' times ``velocity``, None if zero [N s].
     """
 
     def __init__(
@@ -272,29 +283,30 @@ class _PrescribedChange:
             self._kick.add(self.velocity, self.momentum)
 
     @staticmethod
-    def add(part: PETSc.Vec | None, to: PETSc.Vec, factor: float = 1.0) -> None:
-        """Add ``factor`` times a part to a vector, unless the part is None."""
-        if part is not None:
-            to.axpy(factor, part)
+    def add(correction: PETSc.Vec | None, to: PETSc.Vec, factor: float = 1.0) -> None:
+        """Add ``factor`` times a correction to a vector, unless the correction is None."""
+        if correction is not None:
+            to.axpy(factor, correction)
 
     def work(self, before: PETSc.Vec, after: PETSc.Vec) -> float:
-        """Return the work of the supports due to the correction, from M v of start and end [J]."""
+        """Return the work of the supports due to the correction, from M' v at start and end [J]."""
         if self.velocity is None:
             return 0.0
         change = (after.array_r - before.array_r)[self._fixed]
         local_work = 0.5 * float(self.velocity.array_r[self._fixed] @ change)
         return float(np.sum(before.comm.tompi4py().allgather(local_work)))
 
-    def works(self, *parts: Any) -> dict[str, float]:
-        """Return the work of each load due to the correction [J], see `LoadKick.work`."""
-        return {} if self._kick is None else self._kick.work(*parts)
+    def works(self, *arguments: Any) -> dict[str, float]:
+        """Return the work of each load due to the correction [J]; see `LoadKick.work`."""
+        return {} if self._kick is None else self._kick.work(*arguments)
 
 
-def exact_square(rate: float) -> float:
-    """Return a rate within a relative 2e-8 of ``rate`` whose square is exact in double precision.
+def _rate_with_exact_square(rate: float) -> float:
+    """Return ``rate`` rounded to 26 bits, so that its square is exact in double precision.
 
-    Otherwise 2/dt and 2/dt^2 would be rounded inconsistently, with the same error in each step. In
-    1e5 steps the energy would drift by a relative 1e-11.
+    The matrix and the update of a step use this rate, which differs from 2/dt by a relative 1.5e-8
+    at most. With 2/dt itself, 2/dt and 2/dt^2 would be rounded differently, with the same error in
+    each step: the energy would drift by a relative 1e-11 in 1e5 steps.
     """
     mantissa, exponent = math.frexp(rate)
     return math.ldexp(round(mantissa * 2**26) / 2**26, exponent)

@@ -253,12 +253,12 @@ def _balance_error(
         change = after.joints.state.gap - before.joints.state.gap
         work = np.einsum("ij,ij->i", np.abs(after.joints.traction), np.abs(change))
         worst = contact.worst_joint(work)
-        where = f" (joint {worst!r} did the largest work)" if worst else ""
-        stiff = ", for example because joints are much stiffer than the body"
+        where = f" (joint {worst!r} has the largest |traction| |gap change|)" if worst else ""
+        stiff = ", for example because joints are much stiffer than the body: use softer joints"
     return JointsError(
         f"The energy balance of the step to t = {after.time:.6g} s does not close{where}: the "
         f"imbalance is {missing:.1e} of the largest energy; the limit is {LARGEST_IMBALANCE:g}. "
-        f"The solve is not accurate enough{stiff}."
+        f"The solve is not accurate enough{stiff}. Try a smaller SolverOptions(relative_tolerance)."
     )
 
 

@@ -76,7 +76,7 @@ REASONS: dict[str, str] = {
         f"{VERIFICATION}test_static_paths.py::test_a_block_without_friction_does_not_drift"
     ),
     "SETTLED": f"{VERIFICATION}test_loose_blocks.py::test_rounding_holds_no_block",
-    "REFINEMENTS": f"{STATICS} repeated from the gaps of the expanded body (`REFINEMENTS`)",
+    "REFINEMENTS": rf"{STATICS} repeated from the gaps of the computed $\mathbf x$ (`REFINEMENTS`)",
     "ON_LINE": f"{HERE}test_loads_in_proportion_take_few_iterations",
     "SPRING_COMPLIANCE": f"{STATICS} gives the same solution (`SPRING_COMPLIANCE`)",
     "SPRING_REGULARISATION": (

@@ -1,26 +1,27 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Friction in steps in which the slip stops or reverses, predicted from the last two plastic slips.
+"""Friction in steps in which the slip stops, turns or reverses, predicted from the last two slips.
 
-Let p1 and p2 be the plastic slips of the last step and of the step before, m = p1/|p1| and
-dp = p1 - p2. The slip speed at the start of the step is v = m . (p1 + dp/2), in [m] per step. At
-constant deceleration the slip stops after the fraction
+Let p1 and p2 be the plastic slips of the last step and of the step before it, m = p1/|p1| and
+dp = p1 - p2. The slip speed at the start of the step is v = m . (p1 + dp/2), in [m] per step. If
+the slip velocity keeps changing by dp per step, its magnitude |v m + phi dp| is smallest after
+the fraction
 
     phi = -v m . dp / |dp|^2                                                               (17a)
 
-of the step. If 0 < phi < 1, the slip may stop or reverse. Friction reverses together with the slip.
-The mean of the friction along m is then T = (2 phi - 1) F with F = mu |t_n|. Let t be the shear
-traction, p the plastic slip of the step, and p_T = min(T, 0) |dp| / (2 F) the component of p along
-m if the slip reverses. Then
+of the step; on a straight path the slip stops there. If 0 < phi < 1, the friction along m is
+assumed to be F = mu |t_n| before phi and -F after it, with the mean T = (2 phi - 1) F. Let t be the
+shear traction, p the plastic slip of the step, and p_T = min(T, 0) |dp| / (2 F) its predicted value
+along m, or zero where the prediction is positive. Then
 
     t . m >= T:  t is parallel to p - v m / 2, with |t| <= F: the slip continues or stops,
-    t . m <= T:  t is parallel to p - p_T m, with |t| <= F: the slip moves backwards,      (17b)
-    t . m = T:   otherwise; normal to m, t is parallel to p, with |t| <= F: the slip reverses.
+    t . m <= T:  t is parallel to p - p_T m, with |t| <= F: the slip reverses,             (17b)
+    t . m = T:   otherwise; normal to m, t is parallel to p, with |t| <= F: the slip turns.
 
 Each case projects a trial traction onto a convex set, so the law is monotone. In all other steps t
-is parallel to p (7). Both rules agree in the limit, since v and p_T vanish with p1 and p2. If the
-slip reverses early (phi < 1/2), friction returns work, because the slip of a step lags behind its
-impulse. This work is limited to R, half the friction work of the last step: T >= -2 R / v.
+is parallel to p (7). Both rules agree in the limit, since v and p_T vanish with p1 and p2. If phi <
+1/2, friction returns work, because the slip of a step lags behind its impulse. This work is limited
+to R, half the friction work of the last step: T >= -2 R / v.
 """
 
 from __future__ import annotations
@@ -56,13 +57,13 @@ class Prediction(NamedTuple):
         along: m, direction of the last plastic slip.
         speed: v [m].
         mean: 2 phi - 1.
-        back: p_T [m].
+        reversed_slip: p_T [m].
     """
 
     along: Vector
     speed: float
     mean: float
-    back: float
+    reversed_slip: float
 
 
 @inline
@@ -83,12 +84,14 @@ def friction_with_turns(trial: Shear, limit: Limit, slips: Slips) -> tuple[Shear
         slope = -prediction.mean * limit.friction * limit.stiffness
     else:
         lowest = reserve
-    ahead, _ = _limit_shear(_trial_after(trial, prediction, 0.5 * prediction.speed), limit)
-    if m_1 * ahead.traction[0] + m_2 * ahead.traction[1] >= lowest:
-        return ahead, True
-    back, slips_back = _limit_shear(_trial_after(trial, prediction, prediction.back), limit)
-    if m_1 * back.traction[0] + m_2 * back.traction[1] <= lowest:
-        return back, slips_back or prediction.back < 0.0
+    forward, _ = _limit_shear(_trial_after(trial, prediction, 0.5 * prediction.speed), limit)
+    if m_1 * forward.traction[0] + m_2 * forward.traction[1] >= lowest:
+        return forward, True
+    backward, slips_back = _limit_shear(
+        _trial_after(trial, prediction, prediction.reversed_slip), limit
+    )
+    if m_1 * backward.traction[0] + m_2 * backward.traction[1] <= lowest:
+        return backward, slips_back or prediction.reversed_slip < 0.0
     across = m_1 * trial.traction[1] - m_2 * trial.traction[0]
     largest, across_slope = np.sqrt(max(size * size - lowest * lowest, 0.0)), 0.0
     k = trial.by_shear[0]
@@ -105,7 +108,7 @@ def friction_with_turns(trial: Shear, limit: Limit, slips: Slips) -> tuple[Shear
 
 @inline
 def _predict(slips: Slips) -> Prediction:
-    """Return the prediction (17a); its speed is zero if the slip neither stops nor reverses."""
+    """Return the prediction (17a); its speed is zero unless 0 < phi < 1."""
     no_turn = Prediction((0.0, 0.0), 0.0, 0.0, 0.0)
     size = np.sqrt(slips[0] * slips[0] + slips[1] * slips[1])
     if size == 0.0:
@@ -122,7 +125,7 @@ def _predict(slips: Slips) -> Prediction:
 
 @inline
 def _limit_shear(trial: Shear, limit: Limit) -> tuple[Shear, bool]:
-    """Return the trial traction, scaled onto the limit (7) if necessary, and True if scaled."""
+    """Return the trial traction, scaled back to the limit (7) if necessary, and True if scaled."""
     mu = limit.friction
     if yield_function(limit.normal, trial.traction, mu) > 0.0 or mu == 0.0:  # (5)
         return return_to_limit(trial, limit.normal, limit.stiffness, mu), True  # (17)

@@ -141,9 +141,9 @@ class Uplift:
 class JointWater:
     """Reservoir water in a joint, with full hydrostatic pressure at open points.
 
-    In statics, openings and pressures are iterated until they agree. In dynamics, the openings at
-    the start of a step determine the pressure at its end. During the step the joint is under the
-    mean of the pressures at the start and at the end of the step.
+    In statics, openings and pressures are iterated until they agree. In dynamics with ``follows``,
+    the openings at the start of a step determine the pressure at its end. During the step the mean
+    of the pressures at the start and at the end of the step acts in the joint.
 
     Attributes:
         joint: Name of the joint.

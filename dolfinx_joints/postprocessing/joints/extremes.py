@@ -101,7 +101,8 @@ def safety_against_sliding(
     `JointPoints`. It does not depend on a mean normal, so the joint may be curved, or closed like a
     cylinder.
 
-    The safety is 1 if all points slide, and never less: friction limits the shear of every point.
+    The safety is 1 if all points slide, and never less with the friction of the law, which limits
+    the shear of every point.
     At a safety of 2, half of the total strength is used, but single points may slide. In a plane
     joint with shear in one direction, the safety is the ratio of the resultants, (mu N + c A) / V.
     Opposite shear tractions cancel in V but not in S: they reduce the safety.

@@ -179,20 +179,20 @@ def _gap_at_pressure(model: Model, contact: Contact, filled: Rows, pressure: flo
             shear traction. The grout cannot balance shear.
     """
     stiffness = contact.closed_stiffness()[:, 0]
-    gap, smallest = np.zeros((len(stiffness), 3)), math.inf
+    gap, last_error = np.zeros((len(stiffness), 3)), math.inf
     gap[:, 0], follows = -pressure / stiffness, filled & np.isfinite(stiffness)
     for _ in range(MOST_ITERATIONS):
         response = _at_rest(model, contact, gap)
         excess = np.where(follows, response.traction[:, 0] + pressure, 0.0)
         errors = contact.operator.comm.allgather(float(np.abs(excess).max(initial=0.0)))
-        if max(errors) <= 1e-6 * pressure and not max(errors) < 0.5 * smallest:
+        if max(errors) <= 1e-6 * pressure and not max(errors) < 0.5 * last_error:
             _check_no_shear(contact, response.traction * filled[:, None], pressure)
             return gap
-        smallest, slope = max(errors), response.tangent[:, 0, 0]
+        last_error, slope = max(errors), response.tangent[:, 0, 0]
         gap[:, 0] -= np.divide(excess, slope, out=np.zeros_like(excess), where=slope != 0.0)
     raise JointsError(
-        f"The joints do not reach the grout pressure of {pressure:g} Pa at any gap: the nearest "
-        f"pressure differs by {smallest:.3g} Pa. Grout without pressure."
+        f"The joints do not reach the grout pressure of {pressure:g} Pa at any gap: the "
+        f"last iteration differs by {last_error:.3g} Pa. Grout without pressure."
     )
 
 
@@ -205,7 +205,7 @@ def _check_no_shear(contact: Contact, traction: Floats, pressure: float) -> None
             f"The joint {joint!r} ({type(contact.laws[joint]).__name__}) has a shear traction "
             f"under {pressure:g} Pa of grout, for example because only one flank of its keys is in "
             "contact. Grout without pressure, or give the keys equal play on both flanks, or more "
-            "play than overlap / tan(alpha)."
+            "play than their overlap divided by the tangent of the flank angle."
         )
 
 

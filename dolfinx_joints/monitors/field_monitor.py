@@ -98,7 +98,7 @@ class FieldMonitor(Monitor):
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        """Check the path; files are created when a stage starts."""
+        """Check the path; files are created with the first stage or state."""
         self._path = vtk_path(self.path)
         self._stages_path = self._path.with_name(f"{self._path.stem}_stages{SUFFIX}")
         self._lock: FileLock | None = None
@@ -106,7 +106,7 @@ class FieldMonitor(Monitor):
         self._files: dict[str, VtkFile] = {}
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
-        """Add a stage to the file of stages (collective)."""
+        """Add a stage to the files of static stages (collective)."""
         self._prepare(model)
         stage, number = stages[-1], len(stages)
         self._fields = Fields(model, self._nodes, self._joint_order, self._wet)

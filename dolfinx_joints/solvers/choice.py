@@ -98,7 +98,7 @@ def _first_solver(
         raise JointsError(
             f"The condensed solver{which} supports linear bodies only. The body has plastic cells "
             f"({', '.join(system.bulk.kinds)}), which need joint laws with finite stiffness and "
-            'solver="auto".'
+            'solver="auto" or "monolithic".'
         )
     if kind == "forms" and contact is not None:
         if system.coupled is not None:

@@ -98,7 +98,7 @@ REASONS: dict[str, str] = {
     "COMPLEMENT_COST": f"{TESTS}test_corrections.py::test_the_complement_is_made_once_it_pays",
     "COMPLEMENT_PIVOT": f"{CONDENSED} would amplify errors and is not used (`COMPLEMENT_PIVOT`)",
     "NONZERO_SHARE": f"{ITERATION} three rows of the lower triangle at a time",
-    "SET_EXCESS": f"{ITERATION} at most 1.4 times as many closed points as needed",
+    "SET_EXCESS": f"{ITERATION} at most 1.4 times as many points as needed",
     "SET_SPARE": f"{TESTS}test_corrections.py::test_what_is_kept_between_solves_does_not_matter",
     "LARGEST_DENSE": f"{KEPT} dense up to 2000 joint unknowns",
     "LARGEST_WHOLE": f"{KEPT} up to 6000 unknowns, not matrix-free",

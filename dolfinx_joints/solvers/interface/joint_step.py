@@ -42,8 +42,8 @@ class Iterate(NamedTuple):
         max_force: Largest scaled force s w Res of the laws, over all ranks.
         norm: 2-norm of r, over all ranks.
         max_residual: Largest |r|, over all ranks.
-        max_gap: Largest gap divided by s, over all ranks. With artificial springs, gaps count only
-            with the share that causes forces.
+        max_gap: Largest gap divided by s, over all ranks: of the free gap and the gap at the start
+            of the step. With artificial springs, weighted by the part that causes forces.
         magnitude: Largest |f| plus largest |S f|, over all ranks.
     """
 
@@ -61,7 +61,7 @@ class Iterate(NamedTuple):
 
     @property
     def reference_force(self) -> float:
-        """Largest force of the laws, or the largest residual if the laws give no force."""
+        """Largest force of the laws; without force the largest residual; without both 1."""
         return self.max_force or self.max_residual or 1.0
 
 
@@ -112,11 +112,11 @@ class JointStep:
         scale = at.reference_force
         relative, rounding = at.max_residual / scale, self.rounding(at) / scale
         if self.condensed.springs is None:
-            # If only just closed points carry forces, rounding errors exceed the forces.
+            # If all closed points have only just closed, rounding errors exceed their forces.
             largest = limits.LARGEST_ROUNDING if rounding < 1.0 else limits.LARGEST_CONTACT_ROUNDING
             return relative, max(tolerance, min(rounding, largest))
         accepted = max(tolerance, min(rounding, limits.LARGEST_SPRING_ROUNDING))
-        # In a mechanism, spring forces exceed joint forces: use their rounding error as residual.
+        # In a mechanism, spring forces exceed joint forces: the rounding error is the residual.
         return (max(relative, rounding) if rounding > accepted else relative), accepted
 
     def is_balanced(self, at: Iterate) -> bool:

@@ -36,7 +36,7 @@ SAMPLES = 80.0
 
 
 def incident_wave(outcrop: Motion) -> IncidentWave:
-    """Return the rising wave of a record on rock outcrop: half of the recorded velocity.
+    """Return the rising wave of a record on rock outcrop: half of the outcrop's velocity.
 
     At a free surface, the rising and the reflected wave add up to twice the rising wave.
 
@@ -59,18 +59,18 @@ class FreeField:
 
     The free field is the motion of the rock without the structure. On viscous boundaries its stress
     is applied, and the dashpots resist only the velocity relative to the free field. On a
-    horizontal bottom both together are twice the dashpot traction at the velocity of the rising
-    wave. The rock along the facet groups is one material, or several horizontal layers that reflect
-    waves at their interfaces. Horizontal components are S waves; the vertical component is a P
-    wave. Displacements are absolute, so a ground motion is not allowed.
+    horizontal bottom the traction is rho c (2 v_i - v), with the velocity v_i of the rising wave
+    and v of the boundary. The rock along the facet groups is one material, or several horizontal
+    layers that reflect waves at their interfaces. Horizontal components are S waves; the vertical
+    component is a P wave. Displacements are absolute, so a ground motion is not allowed.
 
     Attributes:
         groups: Names of facet groups with a viscous boundary: the bottom and the sides.
         incident: Function of the time [s] that returns the velocity of the rising wave at the base,
-            one number per axis [m/s]; see `incident_wave`. In 2-D, x and z of three are used.
+            one number per axis [m/s]; see `incident_wave`. In 2-D, x and z of three numbers count.
         surface: Height of the ground surface, a coordinate along z (y in 2-D) [m].
         base: Height at which ``incident`` is given [m]; the lowest node of the groups by default.
-        components: Letters of the axes along which the wave moves; all axes by default.
+        components: Letters of the axes along which the rock moves; all axes by default.
         highest_frequency: Highest frequency [Hz] at which travel times along the boundary are
             resolved.
     """

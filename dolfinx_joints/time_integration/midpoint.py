@@ -54,7 +54,7 @@ class _Midpoint:
     forces_over_steps: ClassVar[bool] = True
 
     def conserves(self, system: MatrixSystem) -> bool:
-        """Return True if K and C are symmetric: the body's energy balance is then exact."""
+        """Return True if the matrices are declared symmetric: the energy balance is then exact."""
         return system.symmetric
 
     def advance(
@@ -161,12 +161,12 @@ class _Step:
 
     @cached_property
     def _modal(self) -> Floats:
-        """Modal components of x, to be read after the solve, shape (used modes,), [m]."""
+        """Modal components of x, to be read after the solve, shape (used modes,), [kg^1/2 m]."""
         return self._modal_components(self.x)
 
     @cached_property
     def _modal_rates(self) -> Floats:
-        """Modal velocities at the start of the step, shape (used modes,), [m/s]."""
+        """Modal velocities at the start of the step, shape (used modes,), [kg^1/2 m/s]."""
         return self._modal_components(self._before.velocity)
 
     def _modal_components(self, vector: PETSc.Vec) -> Floats:

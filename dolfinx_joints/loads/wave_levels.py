@@ -113,8 +113,8 @@ def warn_of_sides(model: LoadedBody) -> list[str]:
     text = (
         "The ground motion is uniform, so the dashpots at the sides of the rock "
         f"({', '.join(steep)}) disturb the rising wave. Pass the wave to dynamics() as a "
-        "FreeField, or use a ViscousBoundary at the bottom only and constrain the sides normal to "
-        "the motion."
+        "FreeField, or use a ViscousBoundary at the bottom only and constrain the components "
+        "perpendicular to the motion at the sides."
     )
     warn(text, PlausibilityWarning)
     return [text]

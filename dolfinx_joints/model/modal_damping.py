@@ -112,7 +112,7 @@ class DampedModes:
         if len(modes.shapes) < count:
             raise ValueError(
                 f"ModalRatios: modes is {count}, which splits modes of equal frequency or exceeds "
-                f"their number; the largest allowed value below it is {len(modes.shapes)}."
+                f"their number; the next smaller groups end at {len(modes.shapes)} modes."
             )
         work, by_other_damping = system.mass.createVecRight(), np.zeros(count)
         for i, shape in enumerate(modes.shapes):

@@ -147,7 +147,11 @@ def _energies(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
     rows = [_by_column(energy) for _, energy in energies]
     columns = [name for name in rows[0] if any(row[name] for row in rows)]
     joule, unit = energy_unit(max((abs(row[name]) for row in rows for name in columns), default=0))
-    head = ["stage", *(f"{name} [{unit}]" for name in columns), "error / largest energy [%]"]
+    head = [
+        "stage",
+        *(f"{name} [{unit}]" for name in columns),
+        "balance error / largest energy [%]",
+    ]
     cells = [
         [name, *(row[column] / joule for column in columns), 100.0 * energy.relative_error]
         for (name, energy), row in zip(energies, rows, strict=True)

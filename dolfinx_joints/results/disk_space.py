@@ -35,7 +35,7 @@ class Room:
         except OSError as error:
             raise ResultsError(
                 f"{path} cannot grow by {nbytes / 1e6:.3g} MB: {error.strerror}. The records "
-                "before this one are complete."
+                "written so far are complete."
             ) from error
 
     def close(self) -> None:

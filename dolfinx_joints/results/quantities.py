@@ -103,7 +103,7 @@ Q = Quantity
 _FRAME = "of monitor points, {frame}"
 _STATIC_PART = Q("static_displacement", "m", text="quasi-static displacement by support motion")
 _REACTION = Q("reaction/*", "N", text="force of the support {} on the body")
-_STATUS = "0 open, 1 sticking, 2 sliding in the preceding step, 3 closed without friction, 4 tied"
+_STATUS = "0 open, 1 sticking, 2 sliding in the step ending here, 3 closed without friction, 4 tied"
 _PRESSED = "integral of the pressure, including tension at intact bonds"
 _BOND = "cohesion times the area with intact bonds"
 _STATES = (
@@ -118,7 +118,7 @@ _STATES = (
 TABLE: dict[str, tuple[Quantity, ...]] = {
     "histories": (
         Q("displacement", "m", text=f"displacement {_FRAME}"),
-        Q("acceleration", "m/s^2", text=f"mean acceleration in the preceding step {_FRAME}"),
+        Q("acceleration", "m/s^2", text=f"mean acceleration of the step ending here {_FRAME}"),
         _STATIC_PART,
         Q("free_surface_velocity", "m/s", text="velocity of the free surface without the body"),
         Q("ground_acceleration", "m/s^2", text="acceleration of the ground at this time"),
@@ -165,7 +165,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("energy/joints/*/numerical", "J", "numerical"),
         Q("energy/joints/*/bonds", "J", "broken bonds"),
         Q("energy/joints/*/released", "J", "released", text="released, in friction and numerical"),
-        Q("energy/water_released", "J", "energy released by water"),
+        Q("energy/water_released", "J", "energy released with water"),
         Q("energy/error", "J", "error of the energies"),
         Q("energy/scale", "J", "largest energy"),
         Q("jumps", "-", "jumps", dtype=np.int64),

@@ -199,7 +199,8 @@ class CheckpointKeeper:
             difference = first_difference(saved, {**self._facts, **facts})
             if difference is not None:
                 raise OtherRunError(
-                    f"The checkpoint {self._path} belongs to another model or run; {difference}."
+                    f"The checkpoint {self._path} belongs to another model or run, "
+                    f"or to another version of the package; {difference}."
                 )
             if self._unknown:
                 omitted = len(self._unknown) - _MOST_NAMED

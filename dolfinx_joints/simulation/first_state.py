@@ -77,8 +77,8 @@ def field_vectors(model: Model, start: DynamicState | InitialFields | None) -> d
     """
     if isinstance(start, DynamicState) and model.coupled is not None:
         raise JointsError(
-            "start= cannot be used with waves in a reservoir, which start with the ground at rest: "
-            "the ground velocity at the end of the previous stage would act on the water as an "
+            "start= cannot be a dynamic state with waves in a reservoir, which start with the "
+            "ground at rest: the ground velocity at the end of the previous stage would act on the water as an "
             "impact. Run one stage with one motion instead."
         )
     fields = vars(start).items() if isinstance(start, InitialFields) else ()

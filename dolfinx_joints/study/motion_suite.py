@@ -207,8 +207,8 @@ class MotionSuite(Summarised):
             if digest != _digest(motion, dt):
                 if not rerun_changed:
                     raise StudyError(
-                        f"{path} was computed with another motion or time step for {name!r}; pass "
-                        "rerun_changed=True to run it again, or use another folder."
+                        f"{path} was computed with another motion, time step or version for "
+                        f"{name!r}; pass rerun_changed=True to run it again, or use another folder."
                     )
             elif complete:
                 states[name] = "there"

@@ -82,15 +82,15 @@ def test_a_truncated_mesh_is_refused(tmp_path, lines, share):
     ("section", "offset", "line", "sentence"),
     [
         ("$MeshFormat", 1, "9.9 0 8", "Unknown MSH file version 9.9."),
-        ("$Nodes", 1, "6 999999999999 1 12", "$Nodes is shorter than its header states."),
-        ("$Nodes", 1, "6 4 1 12", "$Nodes is shorter than its header states."),
+        ("$Nodes", 1, "6 999999999999 1 12", "$Nodes does not match its header."),
+        ("$Nodes", 1, "6 4 1 12", "$Nodes does not match its header."),
         (
             "$Elements",
             1,
             "6 999999999999 1 13",
-            "$Elements is shorter than its header states.",
+            "$Elements does not match its header.",
         ),
-        ("$Elements", 1, "x", "$Elements is shorter than its header states."),
+        ("$Elements", 1, "x", "$Elements does not match its header."),
         ("$Elements", 3, "3 1 4 10 99999", "Unknown node 99999 in element 3."),
         ("$PhysicalNames", 2, '5 3 "base"', "$PhysicalNames must be a dimension, a tag and a name"),
     ],
@@ -109,7 +109,7 @@ def test_wrong_counts_of_the_older_version_are_refused(tmp_path, lines, binary):
     old_version(path, lines, binary)
     head, nodes = path.read_bytes().split(b"$Nodes\n")
     path.write_bytes(head + b"$Nodes\n999999" + nodes)
-    assert "$Nodes is shorter than its header states." in refusal(path)
+    assert "$Nodes does not match its header." in refusal(path)
 
 
 def old_version(path, lines, binary):

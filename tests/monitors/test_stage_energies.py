@@ -142,7 +142,7 @@ def check_tables(path, folder, stages):
     with dj.Results(path) as results:
         dj.write_csv(results, folder)
     words = {"supports": "work of supports", "strain": "strain energy", "plastic": "plastic work"}
-    words |= {"water_released": "energy released by water", "error": "error of the energies"}
+    words |= {"water_released": "energy released with water", "error": "error of the energies"}
     words |= {"scale": "largest energy", "jump_energy": "energy released by jumps"}
     rows = list(csv.DictReader((folder / "stages.csv").open(encoding="utf-8")))
     assert [row["stage"] for row in rows] == [stage.name for stage in stages]
@@ -165,7 +165,7 @@ def shown_energies(path, out, stages, columns):
     html = report.write([path], out, with_3d=False).read_text(encoding="utf-8")
     (table,) = Tables(html).having("balance error").tables
     heads = [re.sub(r" \[.*", "", head) for head in table[0][1:]]
-    assert heads == [*columns, "balance error / largest"]
+    assert heads == [*columns, "balance error / largest energy"]
     for stage in stages:
         energy, joints = stage.energy, stage.energy.joints.values()
         known = {f"work of {load}": work for load, work in energy.loads.items()}

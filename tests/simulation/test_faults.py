@@ -116,7 +116,7 @@ def test_what_was_written_before_the_disk_was_full_is_read(tmp_path, limit):
     done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=False)
     assert (done.returncode, done.stderr) == (0, "")  # HDF5 has nothing to say when it closes
     assert "run.h5 cannot grow by" in done.stdout
-    assert "File too large. The records before this one are complete." in done.stdout
+    assert "File too large. The records written so far are complete." in done.stdout
     with Results(path) as results:
         rows = results.rows("run")
         assert results.status == "failed"

@@ -199,7 +199,7 @@ def test_what_has_changed_is_not_taken_for_done(comm, simulation, new_path):
     MotionSuite(folder, given, {"a": motions(1.0)["x1"]}, points=POINTS).run(dt=DT)
     other = MotionSuite(folder, given, {"a": motions(0.5)["x0.5"]}, points=POINTS)
     with pytest.raises(
-        StudyError, match=r"a\.h5 was computed with another motion or time step for 'a'"
+        StudyError, match=r"a\.h5 was computed with another motion, time step or version for 'a'"
     ):
         other.run(dt=DT)
     assert other.run(dt=DT, rerun_changed=True).done == ["a"]

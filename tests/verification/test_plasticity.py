@@ -339,7 +339,9 @@ def test_what_it_does_not_do_is_said(comm, new_path):
     rigid = dj.Model(jointed, material=rock(), joints=dj.RigidJoint(friction_angle_deg=30.0))
     with pytest.raises(dj.JointsError, match="which rigid joints need, supports linear"):
         dj.Simulation(rigid).statics()
-    with pytest.raises(ValueError, match="ImplicitContact evaluates the laws .* use Energy"):
+    with pytest.raises(
+        ValueError, match="ImplicitContact does not support plastic cells.* Use Energy"
+    ):
         dj.Simulation(model).dynamics(dt=1e-3, steps=1, scheme=dj.ImplicitContact())
     with pytest.raises(dj.CheckpointError, match="do not store plastic cells"):
         dj.Simulation(model).dynamics(dt=1e-3, steps=1, checkpoint=dj.Checkpoints(new_path("c.h5")))

@@ -52,7 +52,7 @@ def check_msh(path: Path) -> dict[tuple[int, int], str]:
         except (ValueError, IndexError):
             fits = False
         if not fits:
-            raise MeshError(f"{str(path)!r} is damaged: ${name} is shorter than its header states.")
+            raise MeshError(f"{str(path)!r} is damaged: ${name} does not match its header.")
     names = _section(data, b"PhysicalNames")
     match = _NAMES.match(names)
     if names and not (match and match[0].decode(errors="replace").encode() == match[0]):

@@ -78,8 +78,8 @@ def field_vectors(model: Model, start: DynamicState | InitialFields | None) -> d
     if isinstance(start, DynamicState) and model.coupled is not None:
         raise JointsError(
             "start= cannot be a dynamic state with waves in a reservoir, which start with the "
-            "ground at rest: the ground velocity at the end of the previous stage would act on the water as an "
-            "impact. Run one stage with one motion instead."
+            "ground at rest: the ground velocity at the end of the previous stage would act on the "
+            "water as an impact. Run one stage with one motion instead."
         )
     fields = vars(start).items() if isinstance(start, InitialFields) else ()
     return {name: nodal_vector(model, name, field) for name, field in fields if field is not None}

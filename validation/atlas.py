@@ -88,7 +88,7 @@ class Row:
 
     @property
     def holds(self) -> bool:
-        """Whether the deviation is within the tolerance of zero or of `differs`; False for NaN."""
+        """True if the deviation is within the tolerance of zero or of `differs`; False for NaN."""
         return bool(abs(self.deviation - (self.differs or 0.0)) <= self.tolerance)
 
 

@@ -62,7 +62,7 @@ class Declaration:
 
     @property
     def optional(self) -> bool:
-        """Whether None is allowed."""
+        """True if None is allowed."""
         return type(None) in _alternatives(self.kind)
 
     @property

@@ -39,7 +39,7 @@ class Run:
 
     @property
     def static_alone(self) -> bool:
-        """Whether the file has only static stages."""
+        """True if the file contains only static stages."""
         return list(self.results.streams) == ["statics"] and self.has("statics")
 
     @property
@@ -66,7 +66,7 @@ class Run:
 
     @property
     def moves(self) -> bool:
-        """Whether a history has two records or more."""
+        """True if a history has at least two records."""
         return self.has("histories", "displacement") and self.results.rows("histories") > 1
 
     @cached_property
@@ -76,7 +76,7 @@ class Run:
 
     @property
     def plane(self) -> bool:
-        """Whether the model is 2-D."""
+        """True for a 2-D model."""
         return "mesh/surface" in self.results.statics and is_plane(self.results)
 
 

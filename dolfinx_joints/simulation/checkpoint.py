@@ -90,7 +90,7 @@ class Checkpoints:
 
     @property
     def found(self) -> bool:
-        """Whether the file exists."""
+        """True if the file exists."""
         return self.file.exists()
 
     def check(self, comm: Any) -> None:

@@ -434,7 +434,9 @@ def test_saved_and_taken_up_again(comm, wall, new_path):
     np.testing.assert_allclose(
         resumed.joints.traction, traction, rtol=0.0, atol=rounding * largest(comm, traction)
     )
-    with pytest.raises(dj.CheckpointError, match=r"another model or run, .*; load HydrostaticPressure"):
+    with pytest.raises(
+        dj.CheckpointError, match=r"another model or run, .*; load HydrostaticPressure"
+    ):
         dj.Simulation(wall([weight])).load_static(path)
     with pytest.raises(dj.CheckpointError, match="There is no checkpoint"):
         other.load_static(new_path("none.static"))

@@ -176,7 +176,7 @@ class Scene:
         plotter = pyvista.Plotter(off_screen=True, window_size=size)
         try:
             plotter.set_background("white")
-            plotter.enable_anti_aliasing("ssaa")
+            plotter.enable_anti_aliasing("msaa", multi_samples=8)
             raised = _RAISED * max(x_max - x_min, top - bottom) * camera.towards
             for data, style in self.layers:
                 shown = data.translate(raised) if data.n_lines else data

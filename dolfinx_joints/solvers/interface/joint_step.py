@@ -153,7 +153,8 @@ class JointStep:
             traction, tangent = springs.traction_without_springs(
                 traction, tangent, gap, self.condensed.compliance.own, self.state.gap
             )
-        residual, scaled, norms = _residual(
+        residual, scaled, norms = np.empty_like(force), np.empty_like(tangent), np.zeros(6)
+        _residual(
             force,
             coupled,
             point_responses.traction,
@@ -161,6 +162,9 @@ class JointStep:
             tangent,
             self._scale,
             self._force_scale,
+            residual,
+            scaled,
+            norms,
         )
         norms[5] = self._largest_gap if springs is None else self._active_gap(scaled, springs)
         if self._comm.size > 1:
@@ -201,15 +205,17 @@ def _residual(
     tangent: Floats,
     scale: Floats,
     force_scale: Floats,
-) -> tuple[Floats, Floats, Floats]:
-    """Return r and T, both zero in constrained directions, and an array of six norms.
+    residual: Floats,
+    scaled: Floats,
+    norms: Floats,
+) -> None:
+    """Write r and T, both zero in constrained directions, and five norms to arrays.
 
-    The norms are the largest scaled force of the laws, the largest |r|, |f| and |S f|, the squared
-    2-norm of r, and a zero that the caller replaces by the largest gap. If an entry of r is NaN,
+    ``norms`` is zero on entry. Then it has the largest scaled force of the laws, the largest |r|,
+    |f| and |S f|, the squared 2-norm of r, and a place for the largest gap. If an entry of r is NaN,
     both norms of r are NaN. ``law_traction`` is Res; ``traction`` and ``tangent`` exclude springs.
     ``force_scale`` is s w, zero in constrained directions.
     """
-    residual, scaled, norms = np.zeros_like(force), np.empty_like(tangent), np.zeros(6)
     for i in range(len(tangent)):
         for a in range(3):
             k = 3 * i + a
@@ -223,4 +229,3 @@ def _residual(
                 scaled[i, a, b] = force_scale[k] * tangent[i, a, b] * scale[3 * i + b]
     if not norms[4] >= 0.0:
         norms[1] = np.nan
-    return residual, scaled, norms

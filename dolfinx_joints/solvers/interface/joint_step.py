@@ -212,8 +212,8 @@ def _residual(
     """Write r and T, both zero in constrained directions, and five norms to arrays.
 
     ``norms`` is zero on entry. Then it has the largest scaled force of the laws, the largest |r|,
-    |f| and |S f|, the squared 2-norm of r, and a place for the largest gap. If an entry of r is NaN,
-    both norms of r are NaN. ``law_traction`` is Res; ``traction`` and ``tangent`` exclude springs.
+    |f| and |S f|, the squared 2-norm of r; its last entry is for the largest gap. If an entry of r
+    is NaN, both norms of r are NaN. ``law_traction`` is Res; ``traction`` and ``tangent`` exclude springs.
     ``force_scale`` is s w, zero in constrained directions.
     """
     for i in range(len(tangent)):

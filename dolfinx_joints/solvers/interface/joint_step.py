@@ -213,8 +213,8 @@ def _residual(
 
     ``norms`` is zero on entry. Then it has the largest scaled force of the laws, the largest |r|,
     |f| and |S f|, the squared 2-norm of r; its last entry is for the largest gap. If an entry of r
-    is NaN, both norms of r are NaN. ``law_traction`` is Res; ``traction`` and ``tangent`` exclude springs.
-    ``force_scale`` is s w, zero in constrained directions.
+    is NaN, both norms of r are NaN. ``law_traction`` is Res; ``traction`` and ``tangent`` exclude
+    springs. ``force_scale`` is s w, zero in constrained directions.
     """
     for i in range(len(tangent)):
         for a in range(3):

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Boundary stresses at vertices from displacements, and their envelopes over a run."""
+"""Stresses at vertices from displacements, and their envelopes over a run."""
 
 from __future__ import annotations
 
@@ -41,17 +41,17 @@ _CHUNK = 512  # Cells evaluated at a time: 16 MB for hexahedra of degree 2.
 
 
 class SurfaceStress:
-    """Stresses at the vertices of exterior facets, computed as a matrix times the displacement.
+    """Stresses at vertices, computed as a matrix times the displacement.
 
     The stress that temperatures would cause in a fully constrained body is subtracted. The stress
     at a vertex is the mean over the adjacent cells. Nodes on a joint are duplicated, so cells on
     the other side of the joint do not contribute.
 
     Args:
-        model: 3-D model.
+        model: The model.
         nodes: Node numbering.
         facets: Vertices of this rank's part of the facets to evaluate, shape (facets, vertices per
-            facet); by default all exterior facets.
+            facet); by default all exterior facets, in 2-D all cells.
 
     Attributes:
         nodes: Vertex numbers in this rank's block, ascending over the ranks, shape (n,).
@@ -62,7 +62,15 @@ class SurfaceStress:
         """Assemble the matrix (collective)."""
         check_has_envelopes(model)
         self.comm = comm = model.jointed.mesh.comm
-        owned = np.unique(boundary_facets(model, nodes) if facets is None else facets)
+        topology, vertices = (
+            model.jointed.mesh.topology,
+            len(basix.geometry(model.jointed.shape.type)),
+        )
+        num_cells = topology.index_map(topology.dim).size_local
+        corners = nodes.number[model.V.dofmap.list[:num_cells, :vertices]]
+        if facets is None:
+            facets = boundary_facets(model, nodes) if model.gdim == 3 else corners
+        owned = np.unique(facets)
         owned = np.unique(sent_to(comm, rank_of(nodes.blocks, owned), owned))
         ends = blocks_of(comm, len(owned))
         numbers = ends[comm.rank] + np.arange(len(owned))
@@ -70,9 +78,6 @@ class SurfaceStress:
         place[owned - nodes.first] = numbers
         self.nodes: Ints = dealt(comm, int(ends[-1]), numbers, owned)
         self._blocks = equal_blocks(int(ends[-1]), comm.size)
-        vertices = len(basix.geometry(model.jointed.shape.type))
-        num_cells = model.jointed.mesh.topology.index_map(3).size_local
-        corners = nodes.number[model.V.dofmap.list[:num_cells, :vertices]]
         place = rows_at(comm, place, corners.ravel()).reshape(corners.shape)
         numbered = place[place >= 0]
         cells = added(comm, self._blocks, numbered, np.ones(len(numbered)))
@@ -85,19 +90,22 @@ class SurfaceStress:
             if isinstance(load, Temperature)
         ]
         self._stress = self._matrix.createVecLeft()
+        # Temperatures cause no stress across the plane in plane stress.
+        axes = model.body.strained_axes
+        self._isotropic = np.array([1.0, 1.0, 1.0 if axes == 3 else 0.0, 0.0, 0.0, 0.0])
 
     def _assemble(self, model: Model, place: Ints, count: Floats) -> PETSc.Mat:
         """Return six rows per vertex; ``place`` is the vertex of each cell corner, -1 if inside."""
-        dofmap, columns = model.V.dofmap, model.stiffness.getSizes()[1]
+        dofmap, columns, gdim = model.V.dofmap, model.stiffness.getSizes()[1], model.gdim
         evaluate = _evaluator(model)
         cells = np.flatnonzero((place >= 0).any(axis=1)).astype(np.int32)
-        local = 3 * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts)
+        local = gdim * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts)
         rows = np.unique(place[place >= 0])
         shape = (6 * len(rows), local)
         parts = [(np.empty(0), np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32))]
         for start in range(0, len(cells), _CHUNK):
             chunk = cells[start : start + _CHUNK]
-            dofs = (3 * dofmap.list[chunk][:, :, None] + np.arange(3)).reshape(len(chunk), -1)
+            dofs = (gdim * dofmap.list[chunk][:, :, None] + np.arange(gdim)).reshape(len(chunk), -1)
             cell, vertex = np.nonzero(place[chunk] >= 0)
             number = np.searchsorted(rows, place[chunk][cell, vertex])
             values = evaluate(chunk)[cell, vertex] / count[chunk][cell, vertex][:, None, None]
@@ -108,8 +116,8 @@ class SurfaceStress:
             parts.append((part.data, part.row, part.col))
         data, row, column = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         summed = coo_matrix((data, (row, column)), shape).tocsr()
-        block = dofmap.index_map.local_to_global(np.arange(local // 3, dtype=np.int32))
-        indices = 3 * block.astype(np.int64)[summed.indices // 3] + summed.indices % 3
+        block = dofmap.index_map.local_to_global(np.arange(local // gdim, dtype=np.int32))
+        indices = gdim * block.astype(np.int64)[summed.indices // gdim] + summed.indices % gdim
         matrix = PETSc.Mat().create(comm=lasting(self.comm))
         matrix.setSizes(((6 * len(self.nodes), 6 * int(self._blocks[-1])), columns))
         matrix.setType("aij")
@@ -150,7 +158,7 @@ class SurfaceStress:
                 for i, unit, factor in self._thermal
                 if loads is None or i in loads
             )
-            stress = stress - np.outer(thermal, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+            stress = stress - np.outer(thermal, self._isotropic)
         return stress
 
     def across(self, rows: NDArray[Any]) -> NDArray[Any] | Dealt:
@@ -174,15 +182,17 @@ def _at_vertices(model: Model, expression: Any) -> Any:
 
 
 class StressEnvelopes:
-    """Envelopes over a run of the stresses at the vertices of the boundary.
+    """Envelopes over a run of the stresses at the vertices of the boundary, in 2-D of all cells.
 
     Arch and cantilever directions are computed from the facets of the groups, or by default from
-    the free faces: exterior facets outside joints and supports.
+    the free faces: exterior facets outside joints and supports. In 2-D there is no arch direction,
+    and the cantilever direction is upwards (y).
 
     Args:
-        model: 3-D model.
+        model: The model.
         nodes: Node numbering.
-        groups: Names of facet groups, such as ``["upstream"]``; by default the whole boundary.
+        groups: Names of facet groups, such as ``["upstream"]``; by default the whole boundary, in
+            2-D all cells.
 
     Attributes:
         nodes: Vertex numbers in this rank's block, ascending over the ranks, shape (n,).
@@ -197,8 +207,12 @@ class StressEnvelopes:
         chosen = None if groups is None else facets_of_groups(model, nodes, groups)
         self._stress = SurfaceStress(model, nodes, chosen)
         self.nodes = self._stress.nodes
-        free = free_facets(model, nodes) if chosen is None else chosen
-        self.arch, self.cantilever = _directions(model, nodes, free, self.nodes)
+        if model.gdim == 3:
+            free = free_facets(model, nodes) if chosen is None else chosen
+            self.arch, self.cantilever = _directions(model, nodes, free, self.nodes)
+        else:
+            self.arch = np.full((len(self.nodes), 3), np.nan)
+            self.cantilever = np.tile([0.0, 1.0, 0.0], (len(self.nodes), 1))
         self.begin()
 
     @property
@@ -265,8 +279,6 @@ def _directions(
 
 def check_has_envelopes(model: Model) -> None:
     """Raise ValueError if stress envelopes cannot be recorded for the model."""
-    if model.gdim != 3:
-        raise ValueError("Stress envelopes need a 3-D model; this model is 2-D.")
     if model.bulk is not None:
         raise ValueError(
             "Stress envelopes need an elastic body: stresses in plastic cells also depend on "

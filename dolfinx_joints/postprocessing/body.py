@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Boundary of a body for 3-D pictures, undeformed and deformed."""
+"""Body for pictures, undeformed and deformed: the boundary of a 3-D body, the cells of a plane."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dolfinx_joints.common.arrays import Floats, Ints
-from dolfinx_joints.postprocessing.joints.surface import facets_of_joint
+from dolfinx_joints.postprocessing.joints.surface import facets_of_joint, is_plane
 from dolfinx_joints.postprocessing.palette import CONCRETE, RED, colours
 from dolfinx_joints.postprocessing.rendering import (
     Camera,
@@ -29,32 +29,39 @@ if TYPE_CHECKING:
 
 MESH: dict[str, Any] = {"show_edges": True, "edge_color": "#8c8c8c", "edge_opacity": 0.35}
 OUTLINE: dict[str, Any] = {"color": "#737373", "line_width": 3.0}
+VTK_TRIANGLES = (5, 22, 69)  # VTK's linear, quadratic and Lagrange triangle
+_JOINT_LINE = 4.0  # width of the sides of a joint in a plane model
 
 
 class Body:
-    """Boundary of a body: an opaque part that fills the picture, and a translucent part.
+    """Drawn faces of a body: an opaque part that fills the picture, and a translucent part.
+
+    They are the boundary facets of a 3-D body without joints, and the cells of a plane body.
 
     Args:
-        results: A run of a 3-D body.
+        results: The run.
         groups: Cell groups that are opaque; the whole body by default.
 
     Attributes:
         nodes: Positions of all nodes, shape (n, 3), [m].
-        shown: Vertices of the opaque facets, without joints.
-        translucent: Vertices of the translucent facets, without joints.
-        joints: Vertices of the facets on both sides of all joints.
+        plane: True if the body is plane.
+        shown: Vertices of the opaque faces.
+        translucent: Vertices of the translucent faces.
+        joints: Vertices of the facets (in 2-D lines) on both sides of all joints.
         seen: Node numbers of the opaque cells.
     """
 
     def __init__(self, results: Results, groups: Collection[str] | None = None) -> None:
         check_results(results)
         self.nodes: Floats = results.static("mesh/nodes")
-        surface = results.static("mesh/surface")
-        if surface.shape[1] < 3:
-            raise ValueError(f"3-D pictures need a 3-D body; the body of {results.path} is plane.")
+        surface, self.plane = results.static("mesh/surface"), is_plane(results)
         sides = [facets_of_joint(results, joint)[1].ravel() for joint in results.joints]
         every = np.unique(np.concatenate(sides)) if sides else np.empty(0, dtype=np.int64)
-        outer: Ints = np.delete(surface, every, axis=0)
+        if self.plane:
+            vertices = 3 if results.static("mesh/cell_kind")[0] in VTK_TRIANGLES else 4
+            outer: Ints = results.static("mesh/cells")[:, :vertices]
+        else:
+            outer = np.delete(surface, every, axis=0)
         self.joints: Ints = surface[every]
         self.seen: Ints = np.arange(len(self.nodes))
         inside: Ints = np.arange(len(outer))
@@ -68,6 +75,17 @@ class Body:
             name: surface[own].reshape(-1)
             for name, own in zip(short_names(results.joints).values(), sides, strict=True)
         }
+
+    def cameras(self, azimuths_deg: Sequence[float], elevation_deg: float) -> list[Camera]:
+        """Return the viewpoints of pictures; a plane body is seen along z, with y upwards."""
+        if self.plane:
+            return [Camera(-90.0, 90.0)]
+        return [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
+
+    def draw_joints(self, scene: Scene, nodes: Floats) -> None:
+        """Add both sides of all joints to a scene, in red, with nodes at positions (n, 3) [m]."""
+        if self.joints.size:
+            scene.surface(nodes, self.joints, color=RED, lighting=False, line_width=_JOINT_LINE)
 
     def draw_translucent(self, scene: Scene, nodes: Floats) -> None:
         """Add the translucent facets to a scene, with all nodes at positions (n, 3) [m]."""
@@ -115,8 +133,7 @@ class Deformed:
         colour: dict[str, Any] = {"cmap": colours(), "clim": limits}
         scene.surface(positions, body.shown, nodal=self._size, **colour, **MESH)
         scene.contours(positions, body.shown, self._size, levels)
-        if body.joints.size:
-            scene.surface(positions, body.joints, color=RED, lighting=False)
+        body.draw_joints(scene, positions)
         scene.edges(body.nodes, body.shown, **OUTLINE)
         body.draw_translucent(scene, positions)
         figure, axes = draw(scene, cameras)
@@ -148,7 +165,8 @@ def jointed_groups(results: Results) -> list[str] | None:
 def top(points: Floats, camera: Camera) -> Floats:
     """Return the picture coordinates of the rightmost of the highest points."""
     size = size_of(points)
-    highest = camera.project(points[points[:, 2] >= points[:, 2].max() - 0.01 * size])
+    height = points[:, 2 if points[:, 2].any() else 1]  # y is upwards in plane models
+    highest = camera.project(points[height >= height.max() - 0.01 * size])
     return highest[np.argmax(highest[:, 0])]
 
 

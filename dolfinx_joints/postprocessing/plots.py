@@ -61,6 +61,7 @@ from dolfinx_joints.postprocessing.joints.extremes import drawn_series
 from dolfinx_joints.postprocessing.joints.maps import TIED_STYLE, draw_map
 from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
 from dolfinx_joints.postprocessing.joints.panels import joint_panels as joint_panels
+from dolfinx_joints.postprocessing.joints.profiles import joint_profiles as joint_profiles
 from dolfinx_joints.postprocessing.joints.surface import LABELS, JointSurface, Quantity, map_value
 from dolfinx_joints.postprocessing.measures import (
     acceleration_history,

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""3-D pictures of surfaces and lines, rendered off screen by VTK in parallel projection."""
+"""Pictures of surfaces and lines, rendered off screen by VTK in parallel projection."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class Scene:
         framed: bool = True,
         **style: Any,
     ) -> None:
-        """Add polygons, given by points (n, 3) [m] and point numbers in cyclic order.
+        """Add polygons or lines, given by points (n, 3) [m] and point numbers in cyclic order.
 
         Values of points or of polygons are drawn in the colours ``cmap`` for the range ``clim``.
         Polygons with ``framed=False`` may extend beyond the picture.
@@ -156,6 +156,11 @@ class Scene:
             self.layers.append((lines, {"lighting": False} | style))
             self._framed.append(lines.points)
 
+    @property
+    def is_plane(self) -> bool:
+        """True if all points are at z = 0."""
+        return not any(points[:, 2].any() for points in self._framed)
+
     def extent(self, camera: Camera) -> tuple[float, float, float, float]:
         """Return left, right, bottom and top of the picture, with a margin [m]."""
         corners = np.concatenate([camera.project(points) for points in self._framed])
@@ -198,11 +203,12 @@ class Scene:
 
 
 def polygons(points: ArrayLike, faces: Faces) -> Any:
-    """Return polygons as a ``pyvista.PolyData``; the points are copied."""
+    """Return polygons, or lines of two points, as a ``pyvista.PolyData``; points are copied."""
     pyvista = load_pyvista()
     counted = [np.concatenate([[len(face)], face]) for face in faces]
     cells = np.concatenate(counted) if counted else np.empty(0, dtype=np.int64)
-    return pyvista.PolyData(np.array(points, dtype=np.float64), faces=cells.astype(np.int64))
+    kind = "lines" if counted and len(faces[0]) == 2 else "faces"
+    return pyvista.PolyData(np.array(points, dtype=np.float64), **{kind: cells.astype(np.int64)})
 
 
 def load_pyvista() -> Any:
@@ -263,7 +269,8 @@ def draw(scene: Scene, cameras: Sequence[Camera]) -> tuple[Figure, list[Axes]]:
     for ax, camera, extent in zip(axes, cameras, extents, strict=True):
         ax.imshow(scene.render(camera), extent=extent, interpolation="antialiased")
         ax.set_axis_off()
-        ax.set_title(f"from {camera.side}", fontsize="small", fontstyle="italic", pad=12.0)
+        if not scene.is_plane:
+            ax.set_title(f"from {camera.side}", fontsize="small", fontstyle="italic", pad=12.0)
         _triad(ax, camera, extent)
     return figure, axes
 

@@ -1,11 +1,11 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""3-D pictures from a results file: mesh, deformed shape, maps on joints, stress envelopes.
+"""Pictures of the body from a results file: mesh, deformed shape, joint maps, stress envelopes.
 
 Every function returns a matplotlib figure, for ``plots.save``. VTK renders the bodies in parallel
 projection and needs no screen. The viewpoint is given by its elevation above the horizon and an
 azimuth from downstream (x) towards y (left bank); several azimuths give several pictures. Arrows in
-a corner show the coordinate axes at the scale of the picture.
+a corner show the coordinate axes at the scale of the picture. Plane bodies are seen along z.
 
 The state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or the static
 ``stage`` of this name or number. Tractions and stresses are positive in tension (red), negative in
@@ -90,8 +90,7 @@ def mesh(
     opaque and fill the picture; others are translucent.
     """
     body = Body(results, groups)
-    nodes = body.nodes
-    cameras = [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
+    nodes, cameras = body.nodes, body.cameras(azimuths_deg, elevation_deg)
     scene = Scene()
     shade: dict[str, Any] = {
         "ambient": 0.45,
@@ -102,14 +101,17 @@ def mesh(
     scene.surface(nodes, body.shown, color=CONCRETE, line_width=2.0, **shade)
     body.draw_translucent(scene, nodes)
     radius = 2.5e-3 * size_of(nodes[body.seen])
-    for joint in results.joints:
+    for joint in () if body.plane else results.joints:
         corners = _separate(JointSurface(results, joint).corners)
         scene.edges(*corners, sharper_than_deg=None, radius=radius, color=RED)
+    if body.plane:
+        scene.edges(nodes, body.shown, **OUTLINE)
+        body.draw_joints(scene, nodes)
     figure, axes = draw(scene, cameras)
     for ax, camera in zip(axes, cameras, strict=True):
         write_names(ax, body.tops(nodes, camera), RED)
-    facets = sum(map(len, (body.shown, body.translucent, body.joints)))
-    count = f"{facets} facets on the boundary, {len(nodes)} nodes"
+    facets = sum(map(len, (body.shown, body.translucent, () if body.plane else body.joints)))
+    count = f"{facets} {'cells' if body.plane else 'facets on the boundary'}, {len(nodes)} nodes"
     if "cells" in results.metadata:
         count = f"{results.metadata['cells']} cells, {len(nodes)} nodes"
     title = f"finite-element mesh: {count}, {len(results.joints)} joints"
@@ -142,8 +144,8 @@ def deformed(
     Cell ``groups`` such as ``["dam"]`` are opaque and fill the picture; others are translucent.
     """
     results, number, moment = chosen_state(results, time, index, stage)
-    cameras = [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
     body = Body(results, groups)
+    cameras = body.cameras(azimuths_deg, elevation_deg)
     displacement, frame = nodal_displacement(results, number, relative_to)
     largest = float(np.linalg.norm(displacement[body.seen], axis=1).max(initial=0.0))
     factor = round_scale(body.nodes[body.seen], largest) if scale is None else scale
@@ -232,14 +234,14 @@ def envelope(
     azimuths_deg: Azimuths = (UPSTREAM, DOWNSTREAM),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
-    """Draw the envelope of a stress over the run on the boundary, from upstream and downstream.
+    """Draw the envelope of a stress over the run on the boundary, in 2-D in the whole body.
 
     Nodes without a value, such as crest nodes for arch stresses, are grey. The run must have
     recorded the stream ``envelopes``. Cell ``groups`` such as ``["dam"]`` are drawn opaque and fill
     the picture; colours and title refer to their values. The other cells are translucent.
     """
-    cameras = [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
     body = Body(results, groups)
+    cameras = body.cameras(azimuths_deg, elevation_deg)
     nodes, values = body.nodes, np.full(len(body.nodes), np.nan)
     values[results.static("envelopes/nodes")] = 1e-6 * results.series("envelopes", name, -1)
     low, high = data_limits(values[body.seen])

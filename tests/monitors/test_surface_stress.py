@@ -9,6 +9,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
+import basix
 from dolfinx import mesh as dmesh
 from shaken_wall import CONCRETE, LAW, shaking, wall
 from whole_vectors import all_of
@@ -130,11 +131,44 @@ def test_pure_bending(comm, wall_file, read, cell):
     np.testing.assert_allclose(by_name["arch_max"][face], 0.0, **tolerance)
 
 
-def test_plane_models_are_refused(comm, two_rectangles_file, read):
-    model = wall(read(two_rectangles_file()))
-    monitor = dj.ResultsMonitor("plane.h5", points={"top": (0.0, 2.0)}, envelopes=True)
-    with pytest.raises(ValueError, match="need a 3-D model; this model is 2-D"):
-        dj.Simulation(model, monitors=[monitor])  # before anything is solved
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+def test_patch_in_the_plane(comm, two_rectangles_file, read, plane):
+    # A uniform displacement gradient: Hooke's law gives the stress, zz included in plane strain.
+    # It is recovered at the vertices of all cells, and yy is the stress of the cantilevers.
+    model = wall(read(two_rectangles_file()), body=dj.Body(plane=plane))
+    gradient = 1e-4 * np.array([[1.0, 2.0], [0.5, -2.0]])
+    u = model.stiffness.createVecRight()
+    x = model.V.tabulate_dof_coordinates()[: u.getLocalSize() // 2, :2]
+    u.setArray((x @ gradient.T).ravel())
+    nodes = NodeNumbering(model.V)
+    envelopes = StressEnvelopes(model, nodes)
+    envelopes.see(u, 0.0)
+    columns = all_of(comm, envelopes.state_dict().mine)
+    lame = CONCRETE.first_lame(plane)
+    strain, trace = 0.5 * (gradient + gradient.T), np.trace(gradient)
+    tensor = np.zeros((3, 3))
+    tensor[:2, :2] = lame * trace * np.eye(2) + 2.0 * MU * strain
+    tensor[2, 2] = lame * trace if plane == "strain" else 0.0
+    values = np.linalg.eigvalsh(tensor)
+    expected = [values[2], values[0], np.nan, np.nan, tensor[1, 1], tensor[1, 1]]
+    size = np.abs(tensor).max()
+    np.testing.assert_allclose(columns, np.tile(expected, (len(columns), 1)), atol=1e-10 * size)
+    corners = model.V.dofmap.list[:, : len(basix.geometry(model.jointed.shape.type))]
+    vertices = np.unique(np.concatenate(comm.allgather(nodes.number[corners].ravel())))
+    np.testing.assert_array_equal(all_of(comm, envelopes.nodes), vertices)
+
+
+def test_heat_in_the_plane(comm, two_rectangles_file, read):
+    # A clamped body heated by 10 K: -(3 lambda + 2 mu) alpha dT in all directions in plane strain;
+    # in plane stress -(2 lambda + 2 mu) alpha dT in the plane (lambda of plane stress), 0 across.
+    for plane, axes in (("strain", 3), ("stress", 2)):
+        heat = dj.Temperature(value=10.0, reference=0.0, expansion=1e-5)
+        options = dj.Body(plane=plane)
+        model = wall(read(two_rectangles_file()), body=options, loads=[heat])
+        stress = SurfaceStress(model, NodeNumbering(model.V))(model.stiffness.createVecRight(), 0.0)
+        pressure = (axes * CONCRETE.first_lame(plane) + 2.0 * MU) * 1e-5 * 10.0
+        expected = -pressure * np.array([1.0, 1.0, 1.0 if axes == 3 else 0.0, 0.0, 0.0, 0.0])
+        np.testing.assert_allclose(stress, np.tile(expected, (len(stress), 1)), rtol=1e-12)
 
 
 def run(model, path, envelopes=True):

@@ -71,7 +71,7 @@ class JointFacets:
         if self._surface.shape[1] < 3:
             raise ValueError(
                 f"The joint {joint!r} is a line of a plane model and has no map; "
-                "plots.joint_histories shows its opening and slip."
+                "plots.joint_profiles shows values along it."
             )
         self.corners: Floats = self._positions[self._surface[self._both[:, 0]]]
         axes = tangent_axes(self.corners)

@@ -1,0 +1,86 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Values along the joints of a plane model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dolfinx_joints.common.arrays import Floats, Ints
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.postprocessing.axes import decorate, legend, new_figure
+from dolfinx_joints.postprocessing.joints.surface import (
+    MAP_LABELS,
+    MapQuantity,
+    is_plane,
+    map_value,
+)
+from dolfinx_joints.results.arguments import chosen_state
+from dolfinx_joints.results.reader import Results
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PROFILES: tuple[MapQuantity, ...] = ("normal", "tangential", "opening", "slip")
+
+
+@checked
+def joint_profiles(
+    results: Results,
+    *,
+    joints: Sequence[str] | None = None,
+    time: float | None = None,
+    index: int = -1,
+    stage: int | str | None = None,
+) -> Figure:
+    """Draw tractions, opening and slip along the joints of a plane model, one line per joint.
+
+    The distance is measured along the joint, from its lower end, for a horizontal joint from its
+    end of smaller x. Tractions have gaps at open points. The slip is the tangential gap.
+
+    The state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or the
+    static ``stage`` of this name or number.
+    """
+    results, number, moment = chosen_state(results, time, index, stage)
+    names = results.joints if joints is None else list(joints)
+    if not names:
+        raise ValueError(f"{results.path} has no joints to draw.")
+    if not is_plane(results):
+        raise ValueError(f"{results.path} is a 3-D run; plots.joint_maps draws its joints.")
+    figure = new_figure(figsize=(7.2, 8.0), layout="compressed")
+    axes = figure.subplots(len(PROFILES), 1, sharex=True)
+    for name in names:
+        results.check_joint(name)
+        order, distance = along(results.static(f"joints/{name}/points"))
+        for ax, quantity in zip(axes, PROFILES, strict=True):
+            values = map_value(results, name, quantity, number)[order]
+            ax.plot(distance, values, ".-", markersize=3.0, linewidth=1.0, label=name)
+    for ax, quantity in zip(axes, PROFILES, strict=True):
+        decorate(ax, "", MAP_LABELS[quantity].replace(", ", "\n"))
+        ax.margins(x=0.0)
+    axes[-1].set_xlabel("distance along the joint [m]")
+    axes[0].set_title(f"values along the joints {moment}", loc="left", fontsize="medium")
+    if len(names) > 1:
+        legend(axes[-1], "below")
+    return figure
+
+
+def along(points: Floats) -> tuple[Ints, Floats]:
+    """Return the order of points along a line, and their distances from the first in this order.
+
+    Args:
+        points: Joint points, shape (n, 3), z = 0, [m].
+
+    Returns:
+        Point numbers, and distances along the polygon through the points [m], both of shape (n,).
+    """
+    centred = points[:, :2] - points[:, :2].mean(axis=0)
+    direction = np.linalg.svd(centred, full_matrices=False)[2][0]
+    is_level = abs(direction[1]) < 0.1 * abs(direction[0])
+    direction = direction * np.sign(direction[0] if is_level else direction[1])
+    order: Ints = np.argsort(centred @ direction, kind="stable")
+    steps = np.linalg.norm(np.diff(points[order], axis=0), axis=1)
+    return order, np.append(0.0, np.cumsum(steps))

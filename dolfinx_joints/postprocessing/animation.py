@@ -20,7 +20,7 @@ from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.postprocessing.axes import new_figure
 from dolfinx_joints.postprocessing.body import Body, Deformed
 from dolfinx_joints.postprocessing.frames import nodal_displacement
-from dolfinx_joints.postprocessing.rendering import Camera, round_scale
+from dolfinx_joints.postprocessing.rendering import round_scale
 from dolfinx_joints.postprocessing.views import DOWNSTREAM, Elevation
 from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.reader import Results
@@ -81,7 +81,8 @@ def animate(
     factor = round_scale(body.nodes[body.seen], largest) if scale is None else scale
     bodies = {k: Deformed(body, u, factor) for k, (u, _) in states.items()}
     room = np.concatenate([shape.places for shape in bodies.values()])
-    camera, limits = Camera(azimuth_deg, elevation_deg), (0.0, 1e3 * largest or 1.0)
+    (camera,) = body.cameras([azimuth_deg], elevation_deg)
+    limits = (0.0, 1e3 * largest or 1.0)
     progress, pictures = Progress("film", len(chosen), "pictures"), []
     for k, (_, frame) in states.items():
         title = f"t = {times[k]:.3f} s, displacements x {factor:g}"

@@ -53,42 +53,41 @@ class JointExtremesStream:
 
     def values(self, points: JointPoints) -> dict[str, Floats]:
         """Return the series of consecutive steps by name, a row for each step (collective)."""
-        count, names = len(_LARGEST), self._operator.names
+        count, operator = len(_LARGEST), self._operator
         local = np.maximum(at_points(_LARGEST, points), 0.0)
-        local[:, self._tied] = 0.0
-        integrands = at_points((*_SUMS, *_MEANS), points) * self.forces.areas[:, None]
-        largest = np.zeros((len(local), len(names), count))
+        local[..., self._tied] = 0.0
+        largest = np.zeros((*local.shape[:-1], len(operator.names)))
         self._reduce(np.maximum, local, largest)
-        reduced = np.concatenate([largest, self.forces.local_sums(integrands)], axis=-1)
-        by_rank = of_ranks(self._operator.comm, reduced)
-        largest, sums = by_rank[..., :count].max(axis=0), by_rank[..., count:].sum(axis=0)
-        sums[..., len(_SUMS) :] /= self.forces.free_area[:, None]
-        places = self._places(local[..., _PLACED], largest[..., _PLACED])
-        columns = [*np.moveaxis(largest, -1, 0), *np.moveaxis(places, 2, 0)]
-        columns.extend(np.moveaxis(sums, -1, 0))
+        integrands = at_points((*_SUMS, *_MEANS), points) * self.forces.areas
+        by_rank = np.concatenate([largest, self.forces.local_sums(integrands)])
+        by_rank = of_ranks(operator.comm, by_rank)
+        largest, sums = by_rank[:, :count].max(axis=0), by_rank[:, count:].sum(axis=0)
+        sums[len(_SUMS) :] /= self.forces.free_area
+        columns = [*largest, *self._places(local[_PLACED], largest[_PLACED]), *sums]
         rows = (*_LARGEST, *_PLACES, *_SUMS, *_MEANS)
         return {
             row.name.replace("*", joint): values[:, number]
-            for number, joint in enumerate(names)
+            for number, joint in enumerate(operator.names)
             for row, values in zip(rows, columns, strict=True)
             if not row.rare or joint in self._bonded
         }
 
-    def _reduce(self, ufunc: np.ufunc, local: Any, by_joint: Any) -> None:
-        """Reduce values (steps, n, m) to joints (steps, joints, m); keep joints without points."""
-        if len(self._starts):
-            by_joint[:, self._joints] = ufunc.reduceat(local, self._starts, axis=1)
-
     def _places(self, local: Floats, largest: Floats) -> Floats:
-        """Return positions of the largest values in each joint, shape (steps, joints, m, 3)."""
-        operator, count = self._operator, local.shape[1]
-        is_largest = (local > self._rounding) & (local >= ALIKE * largest[:, operator.joint])
+        """Return positions of the largest values in each joint, shape (m, steps, joints, 3)."""
+        operator, count = self._operator, local.shape[-1]
+        least = np.maximum(ALIKE * largest, np.nextafter(self._rounding, np.inf))
         first = np.full(largest.shape, count)
-        self._reduce(np.minimum, np.where(is_largest, np.arange(count)[:, None], count), first)
+        is_largest = local >= least[..., operator.joint]
+        self._reduce(np.minimum, np.where(is_largest, np.arange(count), count), first)
         nowhere = np.full((1, 3), np.nan)
         by_rank = of_ranks(operator.comm, np.concatenate([operator.points, nowhere])[first])
         rank = (~np.isnan(by_rank[..., :1])).argmax(axis=0)  # The first rank has the first point.
         return np.asarray(np.take_along_axis(by_rank, rank[None], axis=0)[0])
+
+    def _reduce(self, ufunc: np.ufunc, local: Any, by_joint: Any) -> None:
+        """Reduce values (..., n) to joints (..., joints); joints without local points are kept."""
+        if len(self._starts):
+            by_joint[..., self._joints] = ufunc.reduceat(local, self._starts, axis=-1)
 
     def state_dict(self) -> Dealt:
         """Return the gaps from which slip is measured (collective)."""

@@ -75,7 +75,7 @@ class JointForces:
         geometry: Centroid, mean normal, area and flatness of each joint.
         areas: Areas of the local points, zero at tied points, shape (n,), [m^2].
         free_area: Sum of the areas over each joint, shape (joints,), [m^2].
-        local_sums: Function that sums values of local points (..., n, m) to (..., joints, m).
+        local_sums: Function that sums values of local points (..., n) to (..., joints).
 
     Example:
         >>> from mpi4py import MPI
@@ -102,7 +102,7 @@ class JointForces:
         free = np.where(model.contact.tied, 0.0, model.operator.areas)
         self.local_sums = _sums_of_groups(model.operator.joint, len(self.names))
         geometry = [areas, areas * model.operator.points, areas * normals, free[:, None]]
-        sums = summed(self._operator.comm, self.local_sums(np.hstack(geometry)))
+        sums = summed(self._operator.comm, self.local_sums(np.hstack(geometry).T).T)
         self.geometry = [JointGeometry.from_sums(row[0], row[1:4], row[4:7]) for row in sums]
         self.areas, self.free_area = free, sums[:, 7]  # tied points have no traction
         self._centroids = np.array([g.centroid for g in self.geometry])
@@ -126,7 +126,7 @@ class JointForces:
         points = JointPoints(gap, slip, joints.traction, self.cohesion(joints))
         sums, resultants = self.sums(points, pressure), {}
         for i, (name, geometry) in enumerate(zip(self.names, self.geometry, strict=True)):
-            row: Floats = sums[i]
+            row: Floats = sums[:, i]
             angle = self._laws[name]["friction_angle_deg"]
             water = {"water_force": row[10:13], "water_moment": row[13:]} if len(row) > 10 else {}
             resultants[name] = JointResultants(
@@ -145,19 +145,19 @@ class JointForces:
         return resultants
 
     def sums(self, points: JointPoints, pressure: Floats | None) -> Floats:
-        """Return the resultants as columns, shape (..., joints, 10 or 16) (collective).
+        """Return resultants, shape (10 or 16, ..., joints) (collective).
 
-        The columns are force and moment, share of the area under pressure, integrals of
-        compression, shear and cohesion, and with a pressure (..., n) force and moment of the water.
+        They are force and moment, share of the area under pressure, integrals of compression,
+        shear and cohesion, and, with a water pressure (..., n), force and moment of the water.
         """
-        parts = [self.about_centroids(self.forces(points.traction))]
-        integrands = [points.traction[..., 0] < 0.0, points.compression, points.shear]
-        integrands = np.stack([*integrands, points.cohesion], axis=-1)
-        parts.append(integrands * self.areas[:, None])
+        parts = [*self.about_centroids(self.forces(points.traction))]
+        pressed = points.traction[..., 0] < 0.0
+        for values in (pressed, points.compression, points.shear, points.cohesion):
+            parts.append(values * self.areas)
         if pressure is not None:
-            parts.append(self.about_centroids(self.water_forces(pressure)))
-        sums = summed(self._operator.comm, self.local_sums(np.concatenate(parts, axis=-1)))
-        sums[..., 6] /= self.free_area
+            parts += [*self.about_centroids(self.water_forces(pressure))]
+        sums = summed(self._operator.comm, self.local_sums(np.stack(parts)))
+        sums[6] /= self.free_area
         return sums
 
     def forces(self, traction: Floats) -> Floats:
@@ -175,20 +175,23 @@ class JointForces:
         return self._cohesion * (1 - broken_points(self._contact, joints))
 
     def about_centroids(self, force: Floats) -> Floats:
-        """Return forces (..., n, 3) and moments about the joint centroids, shape (..., n, 6)."""
-        arms = self._operator.points - self._centroids[self._operator.joint]
-        return np.concatenate([force, np.cross(arms, force)], axis=-1)
+        """Return forces (..., n, 3) and moments about the joint centroids, shape (6, ..., n)."""
+        return _with_moments(force, self._operator.points - self._centroids[self._operator.joint])
+
+
+def _with_moments(force: Floats, arms: Floats) -> Floats:
+    """Return forces (..., n, 3) and their moments on arms (n, 3), shape (6, ..., n)."""
+    return np.moveaxis(np.concatenate([force, np.cross(arms, force)], axis=-1), -1, 0)
 
 
 def _sums_of_groups(group: Ints, count: int, sign: Floats | None = None) -> Callable[..., Floats]:
-    """Return a function that sums values (..., n, m) by group of the n rows, (..., count, m)."""
+    """Return a function that sums values (..., n) by group of the n points, (..., count)."""
     data = np.ones(len(group)) if sign is None else sign
     matrix = csr_array((data, (group, np.arange(len(group)))), shape=(count, len(group)))
 
     def sums(values: Floats) -> Floats:
-        rows = np.moveaxis(values, -2, 0)
-        columns = rows.reshape(len(rows), math.prod(rows.shape[1:]))
-        return np.moveaxis((matrix @ columns).reshape(count, *rows.shape[1:]), 0, -2)
+        rows = values.reshape(math.prod(values.shape[:-1]), len(group))
+        return np.asarray((matrix @ rows.T).T.reshape(*values.shape[:-1], count))
 
     return sums
 
@@ -226,8 +229,8 @@ class Blocks:
         """
         arms = np.tile(self._operator.points, (2, 1)) - self.centre[self._number]
         both = np.concatenate([force, force], axis=-2)
-        moments = np.concatenate([both, np.cross(arms, both)], axis=-1)
-        return summed(self._operator.comm, self._of_blocks(moments))
+        sums = summed(self._operator.comm, self._of_blocks(_with_moments(both, arms)))
+        return np.moveaxis(sums, 0, -1)
 
 
 def _masses(model: Model, block: Ints, count: int) -> tuple[Floats, Floats]:
@@ -289,7 +292,7 @@ class ResultantsStream:
         water = {"water_force": slice(10, 13), "water_moment": slice(13, 16)}
         for number, name in enumerate(self._joints.names):
             for part, column in (columns | (water if name in self._wet else {})).items():
-                values[f"joints/{name}/{part}"] = sums[:, number, column]
+                values[f"joints/{name}/{part}"] = sums[column, :, number].T
         sums = self._blocks(self._joints.forces(points.traction))
         values |= {"blocks/force": sums[..., :3], "blocks/moment": sums[..., 3:]}
         if pressure is not None:

@@ -192,8 +192,9 @@ class ResultsMonitor(Monitor):
             facts["manifest"] = manifest(
                 model, first.settings, self._mesh_sha256, first.stages, self._resolved
             )
-            is_static = self._stages is not None and contains_only_statics(self._path)
-            replaces = self.overwrite or is_static
+            replaces = self.overwrite or (
+                self._stages is not None and contains_only_statics(self._path)
+            )
             self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces)
             if self._has_backup:
                 self._backup.unlink(missing_ok=True)

@@ -124,13 +124,14 @@ class StepSeries:
             counts = contact.counts(joints.status) if counts is None else counts
         if self.resultants is not None and record.pressure is not None:
             pressure = record.pressure()
+        reactions = record.reaction.getArray(readonly=True).reshape(-1, self._model.gdim)
         self._steps.append(
             Step(
                 record.time,
                 self._probe.local(record.displacement),
                 self._probe.local(record.velocity),
                 None if static is None else self._probe.local(static),
-                record.reaction.getArray(readonly=True).reshape(-1, self._model.gdim)[self._nodes],
+                reactions.take(self._nodes, axis=0),
                 ground,
                 counts,
                 solve.iterations if solve else 0,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.arrays import Dealt, Floats, blocks_in
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.hdf5 import set_texts
+from dolfinx_joints.common.hdf5 import growing_dataset, set_texts
 from dolfinx_joints.results.reader import listing
 
 _CHUNK_BYTES = 65536
@@ -48,7 +48,7 @@ class Stream:
             else ("s", "time of each record")
         )
         set_texts(self._time, unit=unit, description=text)
-        self.row_bytes, self.chunks = 8, 8 * int(np.prod(self._time.chunks))
+        self.row_bytes, self.chunks = 8, 8 * math.prod(self._time.chunks)
 
     @property
     def full(self) -> bool:
@@ -62,8 +62,8 @@ class Stream:
         dataset = extendable(self._group, name, shape, dtype)
         set_texts(dataset, unit=unit, description=text)
         self._datasets[name], self._shapes[name] = dataset, shape
-        self.row_bytes += int(np.prod(shape)) * dtype.itemsize
-        self.chunks += int(np.prod(dataset.chunks)) * dtype.itemsize
+        self.row_bytes += math.prod(shape) * dtype.itemsize
+        self.chunks += math.prod(dataset.chunks) * dtype.itemsize
 
     def append(self, time: float, values: Mapping[str, Any]) -> None:
         """Add a row to the buffer; see `ResultsWriter.append`."""
@@ -194,7 +194,7 @@ def write_whole(dataset: h5py.Dataset, values: NDArray[Any] | Dealt, *row: int) 
 
 def copy_rows(source: h5py.Dataset, target: h5py.Dataset, count: int) -> None:
     """Copy the first rows of a dataset into another, at most ``_BUFFER_BYTES`` at a time."""
-    row_bytes = max(1, int(np.prod(source.shape[1:])) * source.dtype.itemsize)
+    row_bytes = max(1, math.prod(source.shape[1:]) * source.dtype.itemsize)
     batch, parts = max(1, _BUFFER_BYTES // row_bytes), -(-row_bytes // _BUFFER_BYTES)
     ends = np.linspace(0, source.shape[1] if source.ndim > 1 else 0, parts + 1).astype(int)
     for first in range(0, count, batch):
@@ -210,16 +210,9 @@ def extendable(
     group: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], *, fill: float = 0.0
 ) -> h5py.Dataset:
     """Create an empty dataset that can grow; ``shape`` is the shape of one row."""
-    row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)
+    row_bytes = max(1, math.prod(shape) * dtype.itemsize)
     chunks = (min(1024, max(1, _CHUNK_BYTES // row_bytes)), *(max(1, length) for length in shape))
     # Do not fill large chunks: HDF5 would keep a filled chunk in memory.
-    fill_time = "never" if row_bytes > _CHUNK_BYTES else "ifset"
-    return group.create_dataset(
-        name,
-        (0, *shape),
-        dtype,
-        maxshape=(None, *shape),
-        chunks=chunks,
-        fillvalue=fill,
-        fill_time=fill_time,
-    )
+    large = row_bytes > _CHUNK_BYTES
+    fill_time = h5py.h5d.FILL_TIME_NEVER if large else h5py.h5d.FILL_TIME_IFSET
+    return growing_dataset(group, name, dtype, chunks, shape, fill, fill_time)

@@ -29,9 +29,6 @@ DIGEST_BYTES = 32
 # Exceptions that occurred in reading damaged or foreign files.
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, AttributeError, ValueError, MemoryError)
 
-_SCALAR = h5py.h5s.create(h5py.h5s.SCALAR)
-_LINKS = h5py.h5p.create(h5py.h5p.LINK_CREATE)
-_LINKS.set_create_intermediate_group(True)
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _SUPERBLOCK = 36  # bytes up to and including the file's length
 _GROWING_SECONDS = 1.0  # longer than a writer needs to extend a file
@@ -79,35 +76,9 @@ def new_file(path: Path, size: int, **options: Any) -> Iterator[h5py.File]:
 def set_texts(item: h5py.Dataset | h5py.Group, **texts: str) -> None:
     """Set text attributes of a dataset or group, readable by `attribute`."""
     for name, text in texts.items():
-        encoded = np.array(text.encode())
-        kind = h5py.h5t.TypeID.copy(h5py.h5t.C_S1)
-        kind.set_size(encoded.itemsize)
-        kind.set_cset(h5py.h5t.CSET_UTF8)
-        kind.set_strpad(h5py.h5t.STR_NULLPAD)
-        h5py.h5a.create(item.id, name.encode(), kind, _SCALAR).write(encoded, mtype=kind)
-
-
-def growing_dataset(
-    group: h5py.Group,
-    name: str,
-    dtype: np.dtype[Any],
-    chunks: tuple[int, ...],
-    shape: tuple[int, ...],
-    fill: float,
-    fill_time: int,
-) -> h5py.Dataset:
-    """Create a dataset that can grow, without rows; ``shape`` is the shape of one row.
-
-    The low-level interface of h5py takes half the time of `h5py.Group.create_dataset`.
-    """
-    layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-    layout.set_chunk(chunks)
-    layout.set_fill_value(np.array(fill, dtype))
-    layout.set_fill_time(fill_time)
-    layout.set_obj_track_times(False)
-    space = h5py.h5s.create_simple((0, *shape), (h5py.h5s.UNLIMITED, *shape))
-    kind = h5py.h5t.py_create(dtype, logical=True)
-    return h5py.Dataset(h5py.h5d.create(group.id, name.encode(), kind, space, layout, _LINKS))
+        encoded = text.encode()
+        kind = h5py.string_dtype("utf-8", max(len(encoded), 1))
+        item.attrs.create(name, np.bytes_(encoded), dtype=kind)
 
 
 def attribute(item: h5py.Dataset | h5py.Group, name: str) -> str | int | None:

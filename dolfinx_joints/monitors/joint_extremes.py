@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.common.arrays import Dealt, Floats
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.resultants import JointForces, breakable_joints
@@ -24,20 +24,16 @@ _PLACED = [[row.key for row in _LARGEST].index(row.key.removesuffix("_at")) for 
 class JointExtremesStream:
     """Stream ``joints`` of a results file; each rank reduces its own points first.
 
-    Args:
-        model: The model, with joints.
-        gap: Gaps of the local points from which slip is measured, shape (n, 3), [m].
-
     Attributes:
         forces: Sums over the points of each joint.
     """
 
-    def __init__(self, model: Model, gap: Floats) -> None:
+    def __init__(self, model: Model) -> None:
         """Determine the series of each joint (collective)."""
         assert model.operator is not None
         assert model.contact is not None
-        self._operator, self._gap = model.operator, gap.copy()
-        self._tied, self.forces = model.contact.tied, JointForces(model)
+        self._operator, self._tied = model.operator, model.contact.tied
+        self.forces = JointForces(model)
         self._bonded = breakable_joints(model.contact)
         # The points of a joint are consecutive.
         self._joints, self._starts = np.unique(model.operator.joint, return_index=True)
@@ -46,10 +42,6 @@ class JointExtremesStream:
         ends = np.array([points.min(initial=np.inf), -points.max(initial=-np.inf)])
         lowest, highest = of_ranks(model.operator.comm, ends).min(axis=0)
         self._rounding = np.finfo(np.float64).eps * float(-highest - lowest)
-
-    def points(self, gap: Floats, traction: Floats, cohesion: Floats) -> JointPoints:
-        """Return the states of the local points in steps, from arrays of shape (steps, n, ...)."""
-        return JointPoints(gap, gap[..., 1:] - self._gap[:, 1:], traction, cohesion)
 
     def values(self, points: JointPoints) -> dict[str, Floats]:
         """Return the series of consecutive steps by name, a row for each step (collective)."""
@@ -88,11 +80,3 @@ class JointExtremesStream:
         """Reduce values (..., n) to joints (..., joints); joints without local points are kept."""
         if len(self._starts):
             by_joint[..., self._joints] = ufunc.reduceat(local, self._starts, axis=-1)
-
-    def state_dict(self) -> Dealt:
-        """Return the gaps from which slip is measured (collective)."""
-        return Dealt(self._operator.comm, self._gap)
-
-    def load_state_dict(self, gap: Floats) -> None:
-        """Restore the gaps of this rank's points from ``state_dict``."""
-        self._gap = gap.copy()

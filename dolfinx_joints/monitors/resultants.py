@@ -100,12 +100,13 @@ class JointForces:
         self.names = model.operator.names
         normals, areas = model.operator.frames[:, 0], model.operator.areas[:, None]
         free = np.where(model.contact.tied, 0.0, model.operator.areas)
-        self.local_sums = _sums_of_groups(model.operator.joint, len(self.names))
+        self.local_sums = _sums_of_groups(model.operator.joint, len(self.names), np.ones(len(free)))
         geometry = [areas, areas * model.operator.points, areas * normals, free[:, None]]
         sums = summed(self._operator.comm, self.local_sums(np.hstack(geometry).T).T)
         self.geometry = [JointGeometry.from_sums(row[0], row[1:4], row[4:7]) for row in sums]
         self.areas, self.free_area = free, sums[:, 7]  # tied points have no traction
-        self._centroids = np.array([g.centroid for g in self.geometry])
+        centroids = np.array([g.centroid for g in self.geometry])
+        self._arms = model.operator.points - centroids[model.operator.joint]
         self._laws = strengths(model.contact)
         bonded = breakable_joints(model.contact)
         cohesion = [self._laws[name]["cohesion"] * (name in bonded) for name in self.names]
@@ -150,12 +151,12 @@ class JointForces:
         They are force and moment, share of the area under pressure, integrals of compression,
         shear and cohesion, and, with a water pressure (..., n), force and moment of the water.
         """
-        parts = [*self.about_centroids(self.forces(points.traction))]
+        parts = [*_with_moments(self.forces(points.traction), self._arms)]
         pressed = points.traction[..., 0] < 0.0
         for values in (pressed, points.compression, points.shear, points.cohesion):
             parts.append(values * self.areas)
         if pressure is not None:
-            parts += [*self.about_centroids(self.water_forces(pressure))]
+            parts += [*_with_moments(self.water_forces(pressure), self._arms)]
         sums = summed(self._operator.comm, self.local_sums(np.stack(parts)))
         sums[6] /= self.free_area
         return sums
@@ -174,20 +175,15 @@ class JointForces:
             return self._cohesion
         return self._cohesion * (1 - broken_points(self._contact, joints))
 
-    def about_centroids(self, force: Floats) -> Floats:
-        """Return forces (..., n, 3) and moments about the joint centroids, shape (6, ..., n)."""
-        return _with_moments(force, self._operator.points - self._centroids[self._operator.joint])
-
 
 def _with_moments(force: Floats, arms: Floats) -> Floats:
     """Return forces (..., n, 3) and their moments on arms (n, 3), shape (6, ..., n)."""
     return np.moveaxis(np.concatenate([force, np.cross(arms, force)], axis=-1), -1, 0)
 
 
-def _sums_of_groups(group: Ints, count: int, sign: Floats | None = None) -> Callable[..., Floats]:
-    """Return a function that sums values (..., n) by group of the n points, (..., count)."""
-    data = np.ones(len(group)) if sign is None else sign
-    matrix = csr_array((data, (group, np.arange(len(group)))), shape=(count, len(group)))
+def _sums_of_groups(group: Ints, count: int, factors: Floats) -> Callable[[Floats], Floats]:
+    """Return a function that multiplies values (..., n) and sums them by group, (..., count)."""
+    matrix = csr_array((factors, (group, np.arange(len(group)))), shape=(count, len(group)))
 
     def sums(values: Floats) -> Floats:
         rows = values.reshape(math.prod(values.shape[:-1]), len(group))
@@ -259,15 +255,10 @@ class ResultantsStream:
     """
 
     def __init__(
-        self,
-        model: Model,
-        nodes: NodeNumbering,
-        rows: JointRows,
-        joints: JointForces,
-        wet: tuple[str, ...],
+        self, model: Model, nodes: NodeNumbering, rows: JointRows, wet: tuple[str, ...]
     ) -> None:
         """Set up joints and blocks (collective)."""
-        self._joints, self._blocks = joints, Blocks(model, nodes)
+        self._joints, self._blocks = JointForces(model), Blocks(model, nodes)
         self.sides = rows.across(rows(self._blocks.sides))
         self._wet = wet
 

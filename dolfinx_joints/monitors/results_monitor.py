@@ -24,7 +24,7 @@ from dolfinx_joints.monitors.fields import Fields, StageFields
 from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.probes import PointProbe, Probe, check_points
-from dolfinx_joints.monitors.resultants import strengths
+from dolfinx_joints.monitors.resultants import ResultantsStream, strengths
 from dolfinx_joints.monitors.step_series import STATIC_PART, StepSeries
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, check_has_envelopes
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_directions
@@ -198,13 +198,12 @@ class ResultsMonitor(Monitor):
             self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces)
             if self._has_backup:
                 self._backup.unlink(missing_ok=True)
-            if resultants is not None:
-                resultants.declare(writer)
+            if self._resultants is not None:
+                self._resultants.declare(writer)
             self._begin(writer, examples, facts["displacements"])
 
-        resultants = self._series.resultants
         try:
-            sides = None if resultants is None else resultants.sides
+            sides = None if self._resultants is None else self._resultants.sides
             with handing_out(self._comm, self._mesh, self._directions, sides):
                 if self._comm.rank == 0:
                     create()
@@ -263,8 +262,10 @@ class ResultsMonitor(Monitor):
         if self._envelopes is not None:
             self._envelopes.begin()
         self._fields = Fields(model, self._nodes, self._rows, first.wet_joints)
-        forces = (self._nodes, self._rows) if self.resultants and self._rows is not None else None
-        self._series = StepSeries(model, self._probe, first, forces)
+        self._resultants: ResultantsStream | None = None
+        if self.resultants and self._rows is not None:
+            self._resultants = ResultantsStream(model, self._nodes, self._rows, first.wet_joints)
+        self._series = StepSeries(model, self._probe, first, self._resultants)
         if self.static_part and first.static_part is None:
             raise JointsError(
                 "static_part=True needs a DifferingMotion of the supports; the ground moves "

@@ -256,14 +256,10 @@ class ResultsWriter:
         elif self._streams[stream].full:
             self._flush_streams([self._streams[stream]])
 
-    def extend(
-        self, times: Sequence[float], values: Mapping[str, Mapping[str, NDArray[Any]]]
-    ) -> None:
-        """Write records of the same times to several streams at once, and all appended rows.
+    def extend(self, times: Sequence[float], values: Mapping[str, Mapping[str, Any]]) -> None:
+        """Write records of the same times: ``values`` are arrays by stream and name, (times, ...).
 
-        Args:
-            times: Times of the records [s].
-            values: Values by stream and name, arrays with a row for each time.
+        All appended rows are also written.
         """
         self._flush_streams(self._streams[stream] for stream in values)
         for stream, rows in values.items():

@@ -29,6 +29,11 @@ from dolfinx_joints.postprocessing.joints.resultants import (
 from dolfinx_joints.results.quantities import JointPoints
 from dolfinx_joints.results.writer import ResultsWriter
 
+# Rows of the sums over the points of a joint, by attribute of `JointResultants`.
+_COLUMNS = {"force": slice(0, 3), "moment": slice(3, 6), "contact": 6, "compression": 7}
+_COLUMNS |= {"shear_sum": 8, "bond": 9}
+_WATER = {"water_force": slice(10, 13), "water_moment": slice(13, 16)}
+
 
 def strengths(contact: Contact) -> dict[str, dict[str, Any]]:
     """Return kind, friction angle [degrees] and cohesion [Pa] of each joint's law, for metadata.
@@ -123,43 +128,30 @@ class JointForces:
             pressure: Water pressure at the local joint points, shape (n,), [Pa]; without it no
                 water forces are returned.
         """
-        gap, slip = joints.state.gap, np.zeros((len(self.areas), 2))
-        points = JointPoints(gap, slip, joints.traction, self.cohesion(joints))
-        sums, resultants = self.sums(points, pressure), {}
+        gap, resultants = joints.state.gap, {}
+        points = JointPoints(gap, gap[:, 1:], joints.traction, self.cohesion(joints))
+        values = self.values(points, pressure)
         for i, (name, geometry) in enumerate(zip(self.names, self.geometry, strict=True)):
-            row: Floats = sums[:, i]
             angle = self._laws[name]["friction_angle_deg"]
-            water = {"water_force": row[10:13], "water_moment": row[13:]} if len(row) > 10 else {}
+            friction = np.nan if angle is None else float(np.tan(np.deg2rad(angle)))
+            parts = {part: of_joints[i] for part, of_joints in values.items()}
             resultants[name] = JointResultants(
-                joint=name,
-                time=None,
-                geometry=geometry,
-                force=row[0:3],
-                moment=row[3:6],
-                contact=row[6],
-                compression=row[7],
-                shear_sum=row[8],
-                bond=row[9],
-                friction=np.nan if angle is None else float(np.tan(np.deg2rad(angle))),
-                **water,
+                joint=name, time=None, geometry=geometry, friction=friction, **parts
             )
         return resultants
 
-    def sums(self, points: JointPoints, pressure: Floats | None) -> Floats:
-        """Return resultants, shape (10 or 16, ..., joints) (collective).
-
-        They are force and moment, share of the area under pressure, integrals of compression,
-        shear and cohesion, and, with a water pressure (..., n), force and moment of the water.
-        """
+    def values(self, points: JointPoints, pressure: Floats | None) -> dict[str, Floats]:
+        """Return the attributes of `JointResultants` by name, shape (joints, ...) (collective)."""
         parts = [*_with_moments(self.forces(points.traction), self._arms)]
         pressed = points.traction[..., 0] < 0.0
         for values in (pressed, points.compression, points.shear, points.cohesion):
             parts.append(values * self.areas)
         if pressure is not None:
-            parts += [*_with_moments(self.water_forces(pressure), self._arms)]
+            parts.extend(_with_moments(self.water_forces(pressure), self._arms))
         sums = summed(self._operator.comm, self.local_sums(np.stack(parts)))
         sums[6] /= self.free_area
-        return sums
+        columns = _COLUMNS if pressure is None else _COLUMNS | _WATER
+        return {name: sums[column].T for name, column in columns.items()}
 
     def forces(self, traction: Floats) -> Floats:
         """Return forces of the local points on the + side, shape (..., n, 3), [N]."""
@@ -273,17 +265,12 @@ class ResultantsStream:
             writer.static(f"joints/{name}/blocks", sides, "-", text)
 
     def values(self, points: JointPoints, pressure: Floats | None) -> dict[str, Floats]:
-        """Return the values of steps by name, a row for each step (collective).
-
-        Arrays of the local joint points have the shape (steps, n, ...); ``pressure`` is the water
-        pressure [Pa].
-        """
-        sums, values = self._joints.sums(points, pressure), {}
-        columns = {"force": slice(0, 3), "moment": slice(3, 6), "contact": 6}
-        water = {"water_force": slice(10, 13), "water_moment": slice(13, 16)}
-        for number, name in enumerate(self._joints.names):
-            for part, column in (columns | (water if name in self._wet else {})).items():
-                values[f"joints/{name}/{part}"] = sums[column, :, number].T
+        """Return the values of steps by name from arrays (steps, n, ...) of points (collective)."""
+        of_joints, values = self._joints.values(points, pressure), {}
+        for i, name in enumerate(self._joints.names):
+            parts = ["force", "moment", "contact"]
+            parts += ["water_force", "water_moment"] if name in self._wet else []
+            values |= {f"joints/{name}/{part}": of_joints[part][i] for part in parts}
         sums = self._blocks(self._joints.forces(points.traction))
         values |= {"blocks/force": sums[..., :3], "blocks/moment": sums[..., 3:]}
         if pressure is not None:

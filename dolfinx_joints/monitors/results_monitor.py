@@ -176,9 +176,9 @@ class ResultsMonitor(Monitor):
         facts = {"stage": stage, "steps": steps, **self._facts(model)}
         fixed = first.free_surface is None and not model.constraints.moves
         facts["displacements"] = RELATIVE if first.motion is not None or fixed else ABSOLUTE
-        static = self._static(first)
-        self._series.collect(first, static)
+        static = self._series.collect(first)
         block, state = self._series.take(), self._values(first, static)
+        forces = self._series.resultants
         stages = [self._stage_fields.values(record) for record in first.stages]
         examples = {
             stream: {name: rows[0] for name, rows in series.items()}
@@ -198,12 +198,12 @@ class ResultsMonitor(Monitor):
             self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces)
             if self._has_backup:
                 self._backup.unlink(missing_ok=True)
-            if self._resultants is not None:
-                self._resultants.declare(writer)
+            if forces is not None:
+                forces.declare(writer)
             self._begin(writer, examples, facts["displacements"])
 
         try:
-            sides = None if self._resultants is None else self._resultants.sides
+            sides = None if forces is None else forces.sides
             with handing_out(self._comm, self._mesh, self._directions, sides):
                 if self._comm.rank == 0:
                     create()
@@ -211,7 +211,8 @@ class ResultsMonitor(Monitor):
                 self._append("statics", number, row)
             self._extend(block)
             self._append("states", first.time, state)
-            self._see(first)
+            if self._envelopes is not None:
+                self._envelopes.see(first.displacement, first.time)
         except BaseException as error:
             if self._writer is not None:
                 self._writer.__exit__(type(error), error, None)
@@ -262,10 +263,11 @@ class ResultsMonitor(Monitor):
         if self._envelopes is not None:
             self._envelopes.begin()
         self._fields = Fields(model, self._nodes, self._rows, first.wet_joints)
-        self._resultants: ResultantsStream | None = None
+        self._series = StepSeries(model, self._probe, first)
+        self._series.static = self.static_part
         if self.resultants and self._rows is not None:
-            self._resultants = ResultantsStream(model, self._nodes, self._rows, first.wet_joints)
-        self._series = StepSeries(model, self._probe, first, self._resultants)
+            forces = ResultantsStream(model, self._nodes, self._rows, first.wet_joints)
+            self._series.resultants = forces
         if self.static_part and first.static_part is None:
             raise JointsError(
                 "static_part=True needs a DifferingMotion of the supports; the ground moves "
@@ -310,7 +312,6 @@ class ResultsMonitor(Monitor):
                 )
         self._prepare(model, last)
         self._series.load_state_dict(state_dict)
-        self._time = last.time
         if self._envelopes is not None:
             self._envelopes.load_state_dict(state_dict["envelopes"])
         with raised_together(self._comm):
@@ -321,25 +322,14 @@ class ResultsMonitor(Monitor):
 
     def record(self, record: Record) -> None:
         """Collect a step, write the collected steps if due, and append the state (collective)."""
-        static = self._static(record)
-        self._series.collect(record, static)
+        static = self._series.collect(record)
         due = self._writer is not None and (self._series.full or self._writer.due)
         if self._comm.bcast(due):  # the clocks of the ranks differ
             self._extend(self._series.take())
         if record.step % self.every == 0:
             self._append("states", record.time, self._values(record, static))
-        self._see(record)
-
-    def _see(self, record: Record) -> None:
-        """Update the envelopes (collective)."""
         if self._envelopes is not None:
             self._envelopes.see(record.displacement, record.time)
-        self._time = record.time
-
-    def _static(self, record: Record) -> PETSc.Vec | None:
-        """Return the static part of the displacement if it is recorded (collective)."""
-        recorded = self.static_part and record.static_part is not None
-        return record.static_part(record.time) if recorded else None
 
     def _values(self, record: Record, static: PETSc.Vec | None) -> dict[str, Any]:
         """Return the values of the stream ``states`` (collective)."""
@@ -374,5 +364,5 @@ class ResultsMonitor(Monitor):
                 with writer:
                     writer.extend(*block)
                     if values:
-                        writer.append("envelopes", self._time, values)
+                        writer.append("envelopes", self._series.last[0], values)
                     writer.finish(status, summary)  # type: ignore[arg-type]

@@ -270,7 +270,6 @@ def ground_motions(
     """
     rising = rising_waves([*model.loads, *loads])
     if motion is not None:
-        # The load of the last step and the record of its end use the same value.
         motion = lru_cache(maxsize=1)(in_axes(motion, model.gdim))
         motion(0.0)
         if rising:

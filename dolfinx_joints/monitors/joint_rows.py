@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,8 @@ class JointRows:
         rank, points = self._comm.rank, len(layout.rule)
         within = np.clip(blocks, ends[:-1, None], ends[1:, None]) - ends[:-1, None]
         self._within = points * within  # First row of each rank in each joint.
-        self._ends = np.cumsum(self._within[:, rank + 1] - self._within[:, rank])[:-1]
+        ends_here = np.cumsum(self._within[:, rank + 1] - self._within[:, rank])
+        self._slices = [slice(*ends) for ends in pairwise([0, *ends_here])]
         facet = np.arange(blocks[rank], blocks[rank + 1]).repeat(points) - ends[self.joint]
         self._constant_rows = {
             "points": self(layout.points),
@@ -56,7 +58,7 @@ class JointRows:
 
     def by_joint(self, rows: Rows) -> dict[str, Rows]:
         """Return rows of this rank by joint."""
-        return dict(zip(self.names, np.split(rows, self._ends), strict=True))
+        return {name: rows[of] for name, of in zip(self.names, self._slices, strict=True)}
 
     def across(self, rows: Rows) -> dict[str, Rows | Dealt]:
         """Return rows of all ranks by joint."""

@@ -1,0 +1,158 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Streams with a row for each step, computed for a block of steps at once.
+
+Sums over points and exchanges between ranks cost little more for many steps than for one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_joints.common.arrays import Dealt, Floats
+from dolfinx_joints.common.mpi import summed
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.monitors.fields import energies
+from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
+from dolfinx_joints.monitors.probes import PointProbe
+from dolfinx_joints.monitors.resultants import ResultantsStream
+from dolfinx_joints.results.quantities import JointPoints, rows_below
+from dolfinx_joints.simulation.record import Record
+
+STATIC_PART = "static_displacement"
+
+# Largest number of steps in a block, and largest size of its arrays [bytes].
+_BLOCK_STEPS, _BLOCK_BYTES = 512, 1 << 24
+
+
+class StepSeries:
+    """Collects steps from a record ``first`` on, and computes their series.
+
+    Attributes:
+        last: Time [s] and velocities of all points [m/s] of the last step taken.
+        resultants: Resultants of joints and blocks if they are recorded.
+        static: Whether the static part of the displacement is recorded.
+    """
+
+    resultants: ResultantsStream | None = None
+    static = False
+
+    def __init__(self, model: Model, probe: PointProbe, first: Record) -> None:
+        """Find the nodes of the supports (collective)."""
+        self._model, self._probe = model, probe
+        self._supports = (*model.constraints.groups, *model.constraints.points)
+        nodes = [model.nodes(group) for group in self._supports]
+        self._nodes = np.concatenate([np.empty(0, dtype=np.int64), *nodes])
+        self._ends = np.cumsum([0, *map(len, nodes)])
+        self.last: tuple[float, Floats | None] = (-np.inf, None)
+        self._steps: list[tuple[Any, ...]] = []
+        self._bytes = 0  # size of the collected arrays
+        self._extremes: JointExtremesStream | None = None
+        if model.contact is not None and first.joints is not None:
+            self._extremes = JointExtremesStream(model)
+            self._gap = first.joints.state.gap.copy()  # from which slip is measured
+
+    def collect(self, record: Record) -> PETSc.Vec | None:
+        """Copy the values of a step; return the static part of u if recorded (collective)."""
+        ground = {"ground_acceleration": record.ground_acceleration}
+        if record.free_surface is not None:
+            ground = {"free_surface_velocity": record.free_surface(record.time)}
+        if record.reservoir_force is not None:
+            ground["reservoir_force"] = record.reservoir_force
+        contact, joints, solve = self._model.contact, record.joints, record.solve
+        counts, parts, pressure = solve.counts if solve else None, (), None
+        if self._extremes is not None and joints is not None and contact is not None:
+            cohesion = self._extremes.forces.cohesion(joints)
+            parts = (joints.state.gap.copy(), joints.traction.copy(), cohesion)
+            counts = contact.counts(joints.status) if counts is None else counts
+        if self.resultants is not None and record.pressure is not None:
+            pressure = record.pressure()
+        local, reactions = self._probe.local, record.reaction.getArray(readonly=True)
+        at_supports = reactions.reshape(-1, self._model.gdim).take(self._nodes, axis=0)
+        moved, static = [local(record.displacement), local(record.velocity)], None
+        if self.static and record.static_part is not None:
+            static = record.static_part(record.time)
+            moved.append(local(static))
+        iterations = solve.iterations if solve else 0
+        step = record.time, moved, at_supports, ground, counts, iterations, record.energy
+        self._steps.append((*step, parts, pressure))
+        self._bytes += sum(array.nbytes for array in (at_supports, *moved, *parts))
+        return static
+
+    @property
+    def full(self) -> bool:
+        """True if the block of collected steps has its largest size."""
+        return len(self._steps) >= _BLOCK_STEPS or self._bytes >= _BLOCK_BYTES
+
+    def take(self) -> tuple[Sequence[float], dict[str, dict[str, Any]]]:
+        """Return times and series by stream of the collected steps; discard them (collective)."""
+        steps, self._steps, self._bytes = self._steps, [], 0
+        if not steps:
+            return [], {}
+        times, moved, reactions, ground, counts, iterations, rows, parts, pressure = zip(
+            *steps, strict=True
+        )
+        histories = self._motion(times, *zip(*moved, strict=True)) | _shares(counts)
+        histories |= {name: _stacked([step[name] for step in ground]) for name in ground[0]}
+        at_nodes, ends = _stacked(reactions), pairwise(self._ends)
+        sums = np.array([at_nodes[:, start:stop].sum(axis=1) for start, stop in ends])
+        forces = summed(self._model.jointed.mesh.comm, sums)
+        histories |= zip([f"reaction/{name}" for name in self._supports], forces, strict=True)
+        streams = {"histories": histories | {"iterations": np.array(iterations)}}
+        streams["energy"] = energies(self._model, rows)
+        if self._extremes is not None:
+            gap, traction, cohesion = map(_stacked, zip(*parts, strict=True))
+            points = JointPoints(gap, gap[..., 1:] - self._gap[:, 1:], traction, cohesion)
+            streams["joints"] = self._extremes.values(points)
+            if self.resultants is not None:
+                water = None if pressure[0] is None else _stacked(pressure)
+                streams["resultants"] = self.resultants.values(points, water)
+        return times, streams
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return ``last`` and the gaps from which slip is measured (collective)."""
+        gap = None if self._extremes is None else Dealt(self._model.jointed.mesh.comm, self._gap)
+        return {"time": self.last[0], "velocity": self.last[1], "gap": gap}
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Restore the values from ``state_dict``."""
+        self.last = state_dict["time"], state_dict["velocity"]
+        if self._extremes is not None:
+            self._gap = state_dict["gap"].copy()
+
+    def _motion(
+        self, times: Sequence[float], u: Sequence[Floats], v: Sequence[Floats], *static: Any
+    ) -> dict[str, Floats]:
+        """Return the motion of the points in consecutive steps (collective).
+
+        The acceleration is the mean since the last record: change of velocity divided by time. This
+        mean is defined for every scheme and any number of substeps.
+        """
+        everywhere, time = self._probe.of_all_ranks, np.array(times)
+        velocity, (last, before) = everywhere(v), self.last
+        self.last = times[-1], velocity[-1].copy()
+        before = velocity[0] if before is None else before  # no acceleration in the first record
+        change = np.diff(velocity, axis=0, prepend=before[None])
+        acceleration = change / np.diff(time, prepend=last)[:, None, None]
+        values = {"displacement": everywhere(u), "acceleration": acceleration}
+        return values | ({STATIC_PART: everywhere(*static)} if static else {})
+
+
+def _stacked(arrays: Sequence[Floats]) -> Floats:
+    """Return arrays of equal shape as one array; `np.stack` takes longer for small arrays."""
+    return np.concatenate(arrays).reshape(len(arrays), *arrays[0].shape)
+
+
+def _shares(counts: Sequence[Any]) -> dict[str, Floats]:
+    """Return the shares of joint points by status from `StatusCounts`, None without joints."""
+    total = [max(c.total, 1) if c else 1 for c in counts]
+    shares = {}
+    for row in rows_below("histories", "joint_"):
+        status = row.name.removeprefix("joint_")
+        shares[row.name] = np.divide([getattr(c, status) if c else 0 for c in counts], total)
+    return shares

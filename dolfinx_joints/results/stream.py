@@ -17,7 +17,7 @@ from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.results.reader import listing
 
 _CHUNK_BYTES = 65536
-_BUFFER_ROWS = 256
+BUFFER_ROWS = 256
 _BUFFER_BYTES = 1 << 24
 
 
@@ -31,8 +31,9 @@ class Stream:
         chunks: Size of one chunk of all datasets together [bytes].
     """
 
-    def __init__(self, parent: h5py.Group, name: str) -> None:
-        self.name, self.waiting = name, 0
+    def __init__(self, parent: h5py.Group, name: str, rows: int) -> None:
+        """Create the stream for an expected number of ``rows``; more are possible."""
+        self.name, self.waiting, self._expected = name, 0, rows
         self._last = -np.inf
         self._group = parent.create_group(name)
         self._datasets: dict[str, h5py.Dataset] = {}
@@ -42,7 +43,7 @@ class Stream:
         self._numbers: Floats | None = None  # all buffers as one, shape (capacity, numbers)
         self._times: list[float] = []
         self._capacity = 0
-        self._time = extendable(self._group, "time", (), np.dtype(np.float64), fill=np.nan)
+        self._time = extendable(self._group, "time", (), np.dtype(np.float64), rows, fill=np.nan)
         unit, text = (
             ("-", "number of the stage, from 1")
             if name == "statics"
@@ -60,7 +61,7 @@ class Stream:
         self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], unit: str, text: str
     ) -> None:
         """Create the dataset of a quantity; ``shape`` is the shape of one record."""
-        dataset = extendable(self._group, name, shape, dtype)
+        dataset = extendable(self._group, name, shape, dtype, self._expected)
         set_texts(dataset, unit=unit, description=text)
         self._datasets[name], self._shapes[name] = dataset, shape
         self.row_bytes += int(np.prod(shape)) * dtype.itemsize
@@ -133,7 +134,7 @@ class Stream:
         """
         dealt = {name for name, value in first.items() if isinstance(value, Dealt)}
         capacity = 1 if dealt else max(1, _BUFFER_BYTES // self.row_bytes)
-        self._capacity = min(_BUFFER_ROWS, capacity)
+        self._capacity = min(BUFFER_ROWS, capacity)
         for name, dataset in self._datasets.items():
             if name not in dealt:
                 self._rows[name] = np.empty((self._capacity, *self._shapes[name]), dataset.dtype)
@@ -180,7 +181,7 @@ class Stream:
 
 def add_rows(dataset: h5py.Dataset, rows: NDArray[Any] | Sequence[float]) -> None:
     """Append rows to a dataset; h5py's low-level interface is twice as fast."""
-    values = np.ascontiguousarray(rows, dtype=dataset.dtype)
+    values = np.ascontiguousarray(rows, dtype=dataset.id.dtype)
     start = dataset.id.shape[0]
     dataset.id.set_extent((start + len(values), *values.shape[1:]))
     _write(dataset, (start, *(0 for _ in values.shape[1:])), values)
@@ -229,11 +230,22 @@ def copy_rows(source: h5py.Dataset, target: h5py.Dataset, count: int) -> None:
 
 
 def extendable(
-    group: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], *, fill: float = 0.0
+    group: h5py.Group,
+    name: str,
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    expected: int,
+    *,
+    fill: float = 0.0,
 ) -> h5py.Dataset:
-    """Create an empty dataset that can grow; ``shape`` is the shape of one row."""
+    """Create an empty dataset that can grow; ``shape`` is the shape of one row.
+
+    The ``expected`` rows fill chunks of equal size, at most 64 kB and 1024 rows each.
+    """
     row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)
-    chunks = (min(1024, max(1, _CHUNK_BYTES // row_bytes)), *(max(1, length) for length in shape))
+    largest = min(1024, max(1, _CHUNK_BYTES // row_bytes))
+    rows = -(-expected // -(-expected // largest))
+    chunks = (rows, *(max(1, length) for length in shape))
     # Do not fill large chunks: HDF5 would keep a filled chunk in memory.
     fill_time = "never" if row_bytes > _CHUNK_BYTES else "ifset"
     return group.create_dataset(

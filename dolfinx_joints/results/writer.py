@@ -22,7 +22,7 @@ from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.common.parameters import PLAIN_NAMES, check_kind_of, is_plain_name, shown
 from dolfinx_joints.results.disk_space import Room
 from dolfinx_joints.results.reader import FORMAT, VERSION, Results
-from dolfinx_joints.results.stream import Stream, write_whole
+from dolfinx_joints.results.stream import BUFFER_ROWS, Stream, write_whole
 
 Status = Literal["running", "complete", "stopped", "failed"]
 
@@ -41,7 +41,10 @@ class ResultsWriter:
         metadata: Facts of the run: values that JSON can represent, NumPy scalars and arrays.
         overwrite: True to replace an existing file.
         aside: Path to which an existing file is moved; by default the file is deleted.
-        flush_interval: Longest time that appended rows stay in memory [s]; checked at each new row.
+        rows: Expected number of records by stream, 256 by default; more are possible. The chunks
+            are fitted to it: large chunks enlarge the files of short runs, small ones are slow.
+        flush_interval: Longest time that appended rows stay in memory [s], checked at each new row.
+            Processor time counts, so that a busy machine does not write more often.
     """
 
     def __init__(
@@ -51,9 +54,10 @@ class ResultsWriter:
         *,
         overwrite: bool = False,
         aside: Path | None = None,
+        rows: Mapping[str, int] | None = None,
         flush_interval: float = 1.0,
     ) -> None:
-        self.path = Path(path)
+        self.path, self._expected = Path(path), rows or {}
         encoded = _encode_json(metadata, "metadata")
         self._lock = FileLock(self.path, ResultsError)
         with released(self._lock, at_end=False):
@@ -68,7 +72,7 @@ class ResultsWriter:
         self._streams: dict[str, Stream] = {}
         self._finished = False
         self._flush_interval = flush_interval
-        self._flushed_at = clock.monotonic()
+        self._flushed_at = clock.process_time()
 
     def _create(self, overwrite: bool, aside: Path | None) -> None:
         if self.path.exists() and not overwrite:
@@ -130,7 +134,9 @@ class ResultsWriter:
                     f"{path} cannot be continued: it contains {_record_counts(counts)}, it must "
                     f"contain at least {_record_counts(rows)}."
                 )
-            writer = cls(part, metadata or old.metadata, overwrite=True)
+            with old.datasets() as (_, streams):
+                expected = {name: streams[name]["time"].chunks[0] for name in rows}
+            writer = cls(part, metadata or old.metadata, overwrite=True, rows=expected)
             try:
                 writer._copy(old, rows)
                 part.replace(path)
@@ -233,7 +239,8 @@ class ResultsWriter:
         """
         self._check_declaration(name)
         if stream not in self._streams:
-            self._streams[stream] = Stream(self._file["streams"], stream)
+            rows = self._expected.get(stream, BUFFER_ROWS)
+            self._streams[stream] = Stream(self._file["streams"], stream, rows)
         self._streams[stream].declare(name, tuple(shape), np.dtype(dtype), unit, description)
 
     def start(self) -> None:
@@ -262,7 +269,7 @@ class ResultsWriter:
             values: Values by name, or one array in the declared `order`; they are copied.
         """
         self._streams[stream].append(float(time), values)
-        if clock.monotonic() - self._flushed_at >= self._flush_interval:
+        if clock.process_time() - self._flushed_at >= self._flush_interval:
             self.flush()
         elif self._streams[stream].full:
             self._flush_streams([self._streams[stream]])
@@ -270,7 +277,7 @@ class ResultsWriter:
     def flush(self) -> None:
         """Write all appended rows to the file."""
         self._flush_streams(self._streams.values())
-        self._flushed_at = clock.monotonic()
+        self._flushed_at = clock.process_time()
 
     def to_disk(self) -> None:
         """Write all appended rows to the file, and wait until they are on the disk."""

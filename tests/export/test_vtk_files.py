@@ -58,8 +58,8 @@ def grid():
 def test_what_stays_is_stored_once(grid, tmp_path):
     file = VtkFile(tmp_path / "a.vtkhdf", grid)
     for time in (0.0, 0.5, 1.0):
-        file.append(time, {}, {"opening [m]": time + np.arange(6.0)})
-    VtkFile.resume(tmp_path / "a.vtkhdf", grid, 0.5).append(0.75, {}, {"opening [m]": np.ones(6)})
+        file.append([time], {}, {"opening [m]": time + np.arange(6.0)})
+    VtkFile.resume(tmp_path / "a.vtkhdf", grid, 0.5).append([0.75], {}, {"opening [m]": np.ones(6)})
     found = read_vtk(tmp_path / "a.vtkhdf")
     assert [time for time, _ in found] == [0.0, 0.5, 0.75]
     for _, each in found:
@@ -74,7 +74,7 @@ def test_what_stays_is_stored_once(grid, tmp_path):
 
 def test_files_of_other_grids_and_damaged_ones_are_not_continued(grid, tmp_path):
     path = tmp_path / "a.vtkhdf"
-    VtkFile(path, grid).append(0.0, {}, {})
+    VtkFile(path, grid).append([0.0], {}, {})
     for other in (
         replace(grid, points=grid.points + 1e-3),
         uniform_grid(TRIANGLE, np.array([[0, 1, 2]]), 5, {}),
@@ -90,7 +90,7 @@ def test_files_of_other_grids_and_damaged_ones_are_not_continued(grid, tmp_path)
 def test_a_full_disk_leaves_the_file_whole(grid, tmp_path, monkeypatch, call):
     file = VtkFile(tmp_path / "a.vtkhdf", grid)
     opening = {"opening [m]": np.arange(6.0)}
-    file.append(0.0, {}, opening)
+    file.append([0.0], {}, opening)
 
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -98,7 +98,7 @@ def test_a_full_disk_leaves_the_file_whole(grid, tmp_path, monkeypatch, call):
     with monkeypatch.context() as patch:
         patch.setattr(os, call, full)
         with pytest.raises(ResultsError, match=r"a\.vtkhdf cannot grow: No space left on device"):
-            file.append(1.0, {}, opening)
+            file.append([1.0], {}, opening)
     assert [time for time, _ in read_vtk(tmp_path / "a.vtkhdf")] == [0.0]
 
 
@@ -118,7 +118,7 @@ def lines(count: int = 40) -> Grid:
 
 def append(file: VtkFile, time: float) -> None:
     u = time + np.arange(123.0).reshape(41, 3)
-    file.append(time, {"displacement [m]": u}, {"stress [Pa]": time + np.arange(40.0)})
+    file.append([time], {"displacement [m]": u}, {"stress [Pa]": time + np.arange(40.0)})
 
 
 def check(path: Path) -> list[float]:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -79,9 +79,7 @@ class VtkFile:
             raise ResultsError(f"{path} cannot be continued: its mesh differs from this model's.")
         return file
 
-    def append(
-        self, times: Sequence[float] | Floats, point_data: Values, cell_data: Values
-    ) -> None:
+    def append(self, times: Floats, point_data: Values, cell_data: Values) -> None:
         """Append times [s] with values by name, shape (times x points or cells, ...).
 
         The values of the times follow each other. All times must have the same names.
@@ -127,7 +125,7 @@ class VtkFile:
         else:
             _extend(offsets, begin + length * np.arange(count))
 
-    def _append_times(self, file: h5py.File, times: Sequence[float] | Floats) -> None:
+    def _append_times(self, file: h5py.File, times: Floats) -> None:
         """Append times; increase the number of steps last, so that readers see complete data."""
         for name in _FIXED_OFFSETS:
             _extend_by_zeros(self._file.dataset(f"VTKHDF/Steps/{name}"), len(times))

@@ -35,14 +35,10 @@ def creating(path: Path, size: int) -> Iterator[h5py.File]:
 
 
 class ChangingFile:
-    """HDF5 file that stays open between changes, since opening takes longer than a change.
-
-    Attributes:
-        path: Path of the file, which exists.
-    """
+    """Existing HDF5 file that stays open between changes; opening takes longer than a change."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self._path = path
         self._opened: tuple[io.FileIO, _BufferedFile, h5py.File, Callable[[], Any]] | None = None
         self._datasets: dict[str, h5py.Dataset] = {}
 
@@ -54,26 +50,24 @@ class ChangingFile:
             OSError: The disk is full; the file is unchanged.
         """
         if self._opened is None:
-            disk = self.path.open("r+b", buffering=0)
+            disk = self._path.open("r+b", buffering=0)
             buffered = _BufferedFile(disk)
             # HDF5 must not keep chunks in memory, because it would do so for each dataset.
             file = h5py.File(buffered, "r+", rdcc_nbytes=0)
             # Close the file before the interpreter ends; HDF5 would crash if it did so later.
             self._opened = disk, buffered, file, weakref.finalize(self, file.close)
         disk, buffered, file, _ = self._opened
+        size: int | None = buffered.before
         try:
             yield file
             file.flush()
             if buffered.error is not None:
                 raise buffered.error
+            size = None
+            _apply(self._path, disk, buffered)
         except BaseException as error:
             # Drop the changes that HDF5 has in memory.
-            self.close(buffered.before if isinstance(error, Exception) else None)
-            raise
-        try:
-            _apply(self.path, disk, buffered)
-        except BaseException:
-            self.close()
+            self.close(size if isinstance(error, Exception) else None)
             raise
 
     def dataset(self, name: str) -> Any:

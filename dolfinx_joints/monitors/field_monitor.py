@@ -204,7 +204,7 @@ class FieldMonitor(Monitor):
         fixed = [grid.cell_data for grid in self._grids.values()]
         with handing_out(self._comm, values, fixed):
             for ending, file in self._files.items():
-                file.append([time], *values[ending])
+                file.append(np.array([time]), *values[ending])
 
     def _values(
         self,

@@ -175,8 +175,7 @@ class ResultsMonitor(Monitor):
             declare_directions(writer, *self._directions)
         for stream, example in values.items():
             single = self.single_precision and stream == "states"
-            floats = np.float32 if single else np.float64
-            declare(writer, stream, example, frame=frame, floats=floats)
+            declare(writer, stream, example, frame=frame, single=single)
         writer.start()
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dolfinx_joints.common.arrays import Dealt
 from dolfinx_joints.common.errors import ResultsError
@@ -42,12 +42,12 @@ def declare(
     values: Mapping[str, Any],
     *,
     frame: str = "",
-    floats: DTypeLike = np.float64,
+    single: bool = False,
 ) -> None:
     """Declare series of a stream, with units and descriptions from `quantities`.
 
     The values by name are one record, or arrays with the shapes of a record. The frame names the
-    reference of displacements and accelerations, ``floats`` is the type of floating-point numbers.
+    reference of displacements and accelerations; ``single`` stores numbers in single precision.
 
     Raises:
         ResultsError: A name is missing in the table.
@@ -55,7 +55,7 @@ def declare(
     for name, value in values.items():
         row, of = row_of(stream, name)
         text = (row.text or row.label).format(of, frame=frame)
-        dtype = floats if row.dtype == np.float64 else row.dtype
+        dtype = np.float32 if single and row.dtype == np.float64 else row.dtype
         writer.series(stream, name, np.shape(value), row.unit, text, dtype=dtype)
 
 

@@ -43,7 +43,7 @@ class Stream:
         self._numbers: Floats | None = None  # all buffers as one, shape (capacity, numbers)
         self._times: list[float] = []
         self._capacity = 0
-        self._time = extendable(self._group, "time", (), np.dtype(np.float64), rows, fill=np.nan)
+        self._time = self._extendable("time", (), np.dtype(np.float64), np.nan)
         unit, text = (
             ("-", "number of the stage, from 1")
             if name == "statics"
@@ -61,11 +61,32 @@ class Stream:
         self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], unit: str, text: str
     ) -> None:
         """Create the dataset of a quantity; ``shape`` is the shape of one record."""
-        dataset = extendable(self._group, name, shape, dtype, self._expected)
+        dataset = self._extendable(name, shape, dtype)
         set_texts(dataset, unit=unit, description=text)
         self._datasets[name], self._shapes[name] = dataset, shape
         self.row_bytes += int(np.prod(shape)) * dtype.itemsize
         self.chunks += int(np.prod(dataset.chunks)) * dtype.itemsize
+
+    def _extendable(
+        self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], fill: float = 0.0
+    ) -> h5py.Dataset:
+        """Create an empty dataset that can grow; ``shape`` is the shape of one row.
+
+        The expected rows fill chunks of equal size, at most 64 kB and 1024 rows each.
+        """
+        row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)
+        largest = min(1024, max(1, _CHUNK_BYTES // row_bytes))
+        rows = -(-self._expected // -(-self._expected // largest))
+        return self._group.create_dataset(
+            name,
+            (0, *shape),
+            dtype,
+            maxshape=(None, *shape),
+            chunks=(rows, *(max(1, length) for length in shape)),
+            fillvalue=fill,
+            # Do not fill large chunks: HDF5 would keep a filled chunk in memory.
+            fill_time="never" if row_bytes > _CHUNK_BYTES else "ifset",
+        )
 
     def order(self, names: Sequence[str]) -> None:
         """Set the order of the numbers in a record that is one array; see `ResultsWriter.order`."""
@@ -227,33 +248,3 @@ def copy_rows(source: h5py.Dataset, target: h5py.Dataset, count: int) -> None:
         else:
             for start, stop in itertools.pairwise(ends):
                 target[rows, start:stop] = source[rows, start:stop]
-
-
-def extendable(
-    group: h5py.Group,
-    name: str,
-    shape: tuple[int, ...],
-    dtype: np.dtype[Any],
-    expected: int,
-    *,
-    fill: float = 0.0,
-) -> h5py.Dataset:
-    """Create an empty dataset that can grow; ``shape`` is the shape of one row.
-
-    The ``expected`` rows fill chunks of equal size, at most 64 kB and 1024 rows each.
-    """
-    row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)
-    largest = min(1024, max(1, _CHUNK_BYTES // row_bytes))
-    rows = -(-expected // -(-expected // largest))
-    chunks = (rows, *(max(1, length) for length in shape))
-    # Do not fill large chunks: HDF5 would keep a filled chunk in memory.
-    fill_time = "never" if row_bytes > _CHUNK_BYTES else "ifset"
-    return group.create_dataset(
-        name,
-        (0, *shape),
-        dtype,
-        maxshape=(None, *shape),
-        chunks=chunks,
-        fillvalue=fill,
-        fill_time=fill_time,
-    )

@@ -41,10 +41,9 @@ class ResultsWriter:
         metadata: Facts of the run: values that JSON can represent, NumPy scalars and arrays.
         overwrite: True to replace an existing file.
         aside: Path to which an existing file is moved; by default the file is deleted.
-        rows: Expected number of records by stream, 256 by default; more are possible. The chunks
-            are fitted to it: large chunks enlarge the files of short runs, small ones are slow.
-        flush_interval: Longest time that appended rows stay in memory [s], checked at each new row.
-            Processor time counts, so that a busy machine does not write more often.
+        rows: Expected number of records by stream (256), to which chunks of the file are fitted.
+        flush_interval: Longest processor time that appended rows stay in memory [s]; checked at
+            each new row. In time by the clock, a busy machine would write more often.
     """
 
     def __init__(
@@ -57,7 +56,7 @@ class ResultsWriter:
         rows: Mapping[str, int] | None = None,
         flush_interval: float = 1.0,
     ) -> None:
-        self.path, self._expected = Path(path), rows or {}
+        self.path, self._expected = Path(path), dict(rows or {})
         encoded = _encode_json(metadata, "metadata")
         self._lock = FileLock(self.path, ResultsError)
         with released(self._lock, at_end=False):
@@ -134,9 +133,7 @@ class ResultsWriter:
                     f"{path} cannot be continued: it contains {_record_counts(counts)}, it must "
                     f"contain at least {_record_counts(rows)}."
                 )
-            with old.datasets() as (_, streams):
-                expected = {name: streams[name]["time"].chunks[0] for name in rows}
-            writer = cls(part, metadata or old.metadata, overwrite=True, rows=expected)
+            writer = cls(part, metadata or old.metadata, overwrite=True)
             try:
                 writer._copy(old, rows)
                 part.replace(path)
@@ -154,6 +151,7 @@ class ResultsWriter:
                 self._room.reserve(self.path, statics[name].nbytes)
                 statics.file.copy(statics[name], self._file["static"], name)
             for stream, names in old.streams.items():
+                self._expected[stream] = streams[stream]["time"].chunks[0]
                 for name in names:
                     shape, dtype = streams[stream][name].shape[1:], streams[stream][name].dtype
                     texts = old.unit(stream, name), old.description(stream, name)

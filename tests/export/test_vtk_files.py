@@ -4,6 +4,8 @@
 
 import errno
 import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -102,6 +104,42 @@ def test_a_full_disk_leaves_the_file_whole(grid, tmp_path, monkeypatch, call):
     assert [time for time, _ in read_vtk(tmp_path / "a.vtkhdf")] == [0.0]
 
 
+def test_a_file_is_opened_once_and_closed_before_the_interpreter(tmp_path):
+    """In a process of its own: HDF5 crashes if it closes the file after the interpreter."""
+    code = (
+        "import sys, h5py, numpy as np; sys.path[:0] = sys.argv[2:]; import test_vtk_files as t\n"
+        "opened, kept, of_h5py = [], [], h5py.File\n"
+        "h5py.File = lambda *args, **kw: opened.append(args) or of_h5py(*args, **kw)\n"
+        "kept.append(t.VtkFile(t.Path(sys.argv[1]), t.lines()))\n"
+        "for time in t.TIMES: t.append(kept[0], time)\n"
+        "print(len(opened))"
+    )
+    here = Path(__file__).parent
+    path = tmp_path / "run.vtkhdf"
+    command = [sys.executable, "-c", code, str(path), str(here), str(here.parent)]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout) == (0, "2\n")  # to create it and to append
+    assert check(path) == TIMES
+
+
+def test_times_may_be_appended_together(tmp_path):
+    """Their values follow each other; the file is that of the times one by one."""
+    one_by_one, together = (VtkFile(tmp_path / f"{n}.vtkhdf", lines()) for n in (1, 2))
+    for time in TIMES:
+        append(one_by_one, time)
+    append(together, *TIMES[:2])
+    append(together, TIMES[2])
+    assert check(together.path) == TIMES
+    with h5py.File(one_by_one.path) as one, h5py.File(together.path) as other:
+        names = []
+        one.visit(names.append)
+        for name in names:
+            if isinstance(one[name], h5py.Dataset):
+                assert one[name].dtype == other[name].dtype
+                np.testing.assert_array_equal(one[name][()], other[name][()])
+    assert {"VTKHDF/CellData/stress [Pa]", "VTKHDF/Steps/CellDataOffsets/in first [-]"} < {*names}
+
+
 LINE = 3  # VTK's number
 TIMES = [0.0, 0.5, 1.0]
 
@@ -116,9 +154,10 @@ def lines(count: int = 40) -> Grid:
     return uniform_grid(points, cells, LINE, {"first": np.arange(5)})
 
 
-def append(file: VtkFile, time: float) -> None:
-    u = time + np.arange(123.0).reshape(41, 3)
-    file.append([time], {"displacement [m]": u}, {"stress [Pa]": time + np.arange(40.0)})
+def append(file: VtkFile, *times: float) -> None:
+    u = np.concatenate([time + np.arange(123.0).reshape(41, 3) for time in times])
+    stress = np.concatenate([time + np.arange(40.0) for time in times])
+    file.append(np.array(times), {"displacement [m]": u}, {"stress [Pa]": stress})
 
 
 def check(path: Path) -> list[float]:

@@ -107,11 +107,12 @@ def test_a_full_disk_leaves_the_file_whole(grid, tmp_path, monkeypatch, call):
 def test_a_file_is_opened_once_and_closed_before_the_interpreter(tmp_path):
     """In a process of its own: HDF5 crashes if it closes the file after the interpreter."""
     code = (
-        "import sys, h5py, numpy as np; sys.path[:0] = sys.argv[2:]; import test_vtk_files as t\n"
-        "opened, kept, of_h5py = [], [], h5py.File\n"
+        "import ctypes, sys, h5py; sys.path[:0] = sys.argv[2:]; import test_vtk_files as t\n"
+        "opened, of_h5py = [], h5py.File\n"
         "h5py.File = lambda *args, **kw: opened.append(args) or of_h5py(*args, **kw)\n"
-        "kept.append(t.VtkFile(t.Path(sys.argv[1]), t.lines()))\n"
-        "for time in t.TIMES: t.append(kept[0], time)\n"
+        "file = t.VtkFile(t.Path(sys.argv[1]), t.lines())\n"
+        "for time in t.TIMES: t.append(file, time)\n"
+        "ctypes.pythonapi.Py_IncRef(ctypes.py_object(file))  # as by objects of PETSc\n"
         "print(len(opened))"
     )
     here = Path(__file__).parent

@@ -303,8 +303,7 @@ class ResultsMonitor(Monitor):
         points = {name: [*probe.place, probe.group] for name, probe in self._points.items()}
         faces = self.envelopes if isinstance(self.envelopes, bool) else list(self.envelopes)
         names = "every", "resultants", "static_part", "single_precision"
-        settings = {name: getattr(self, name) for name in names}
-        return {"points": points, "envelopes": faces, **settings}
+        return {"points": points, "envelopes": faces, **{n: getattr(self, n) for n in names}}
 
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]

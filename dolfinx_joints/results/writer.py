@@ -42,8 +42,7 @@ class ResultsWriter:
         overwrite: True to replace an existing file.
         aside: Path to which an existing file is moved; by default the file is deleted.
         rows: Expected number of records by stream (256), to which chunks of the file are fitted.
-        flush_interval: Longest processor time that appended rows stay in memory [s]; checked at
-            each new row. In time by the clock, a busy machine would write more often.
+        flush_interval: Longest processor time that rows stay in memory [s]; checked at each new row.
     """
 
     def __init__(
@@ -71,7 +70,7 @@ class ResultsWriter:
         self._streams: dict[str, Stream] = {}
         self._finished = False
         self._flush_interval = flush_interval
-        self._flushed_at = clock.process_time()
+        self._flushed_at = clock.process_time()  # a busy machine must not write more often
 
     def _create(self, overwrite: bool, aside: Path | None) -> None:
         if self.path.exists() and not overwrite:

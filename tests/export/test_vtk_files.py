@@ -105,7 +105,7 @@ def test_a_full_disk_leaves_the_file_whole(grid, tmp_path, monkeypatch, call):
 
 
 def test_a_file_is_opened_once_and_closed_before_the_interpreter(tmp_path):
-    """In a process of its own: HDF5 crashes if it closes the file after the interpreter."""
+    """HDF5 would crash a process if it closed the file after the interpreter."""
     code = (
         "import ctypes, sys, h5py; sys.path[:0] = sys.argv[2:]; import test_vtk_files as t\n"
         "opened, of_h5py = [], h5py.File\n"
@@ -115,16 +115,15 @@ def test_a_file_is_opened_once_and_closed_before_the_interpreter(tmp_path):
         "ctypes.pythonapi.Py_IncRef(ctypes.py_object(file))  # as by objects of PETSc\n"
         "print(len(opened))"
     )
-    here = Path(__file__).parent
-    path = tmp_path / "run.vtkhdf"
-    command = [sys.executable, "-c", code, str(path), str(here), str(here.parent)]
+    path, folder = tmp_path / "run.vtkhdf", Path(__file__).parent
+    command = [sys.executable, "-c", code, str(path), str(folder), str(folder.parent)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stdout) == (0, "2\n")  # to create it and to append
     assert check(path) == TIMES
 
 
 def test_times_may_be_appended_together(tmp_path):
-    """Their values follow each other; the file is that of the times one by one."""
+    """One append of two times writes the file of two appends."""
     one_by_one, together = (VtkFile(tmp_path / f"{n}.vtkhdf", lines()) for n in (1, 2))
     for time in TIMES:
         append(one_by_one, time)

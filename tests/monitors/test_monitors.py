@@ -84,7 +84,7 @@ def test_states_in_single_precision(comm, wall_file, read, new_path):
 
 
 def test_files_of_short_runs_are_small(comm, mesh_file, read, new_path):
-    """The first demo's dam, 40 steps: no chunk of any series has room left, the file 1 MB."""
+    """Write 40 steps of the first demo's dam: no chunk has room left, the file is below 1 MB."""
     path, model = new_path("dam.h5"), wall(read(mesh_file(ambiesta, size=8.0, order=1)))
     shake(model, [dj.ResultsMonitor(path, points={"crest": mid_crest()})], steps=40)
 

@@ -141,9 +141,10 @@ def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
 def test_flushes_follow_the_work_and_not_the_clock(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, busy: bool, rows: int
 ) -> None:
-    """Each call of the clock takes 2 s, on a busy machine those of other processes.
+    """Count rows in the file if each call of the clock takes 2 s.
 
-    Then only full buffers of 256 rows are written; otherwise each row is older than 1 s.
+    On a busy machine these are seconds of other processes: only full buffers of 256 rows are
+    written. Otherwise each row is older than 1 s and is written.
     """
     ticks = itertools.count(0, 2)
     processor = (lambda: 0.0) if busy else (lambda: float(next(ticks)))
@@ -157,7 +158,7 @@ def test_flushes_follow_the_work_and_not_the_clock(
 
 @pytest.mark.parametrize(("rows", "chunk"), [(41, 41), (1024, 1024), (1100, 550), (None, 256)])
 def test_chunks_fit_the_expected_rows(tmp_path: Path, rows: int | None, chunk: int) -> None:
-    """At most 1024 rows and 64 kB in a chunk, and equal chunks: 1100 rows are two of 550."""
+    """Chunks are equal, with at most 1024 rows and 64 kB: 1100 rows are two chunks of 550."""
     expected = {} if rows is None else {"rows": {"run": rows}}
     with writer_of(tmp_path / "r.h5", **expected) as writer:
         append_rows(writer, 0, 2)

@@ -42,7 +42,7 @@ class ResultsWriter:
         overwrite: True to replace an existing file.
         aside: Path to which an existing file is moved; by default the file is deleted.
         rows: Expected number of records by stream (256), to which chunks of the file are fitted.
-        flush_interval: Longest processor time that rows stay in memory [s]; checked at each new row.
+        flush_interval: Longest processor time of rows in memory [s]; checked at each new row.
     """
 
     def __init__(

@@ -68,8 +68,7 @@ class ResultsMonitor(Monitor):
         resultants: Record force and moment of each joint and on each block at every step.
         static_part: Record the static part of the displacement under a `DifferingMotion`, at the
             points in every step and at all nodes in each state. Costs one solve per step.
-        single_precision: Store the states in single precision, in half the space; the relative
-            error of each number is at most 6e-8. Histories and static stages keep double precision.
+        single_precision: Store states in half the space; the relative error of a number is 6e-8.
 
     Example:
         >>> from mpi4py import MPI
@@ -310,8 +309,7 @@ class ResultsMonitor(Monitor):
     ) -> None:
         """Continue the file and discard records after ``last`` (collective)."""
         for name, setting in self._settings.items():
-            # Checkpoints written before have no setting ``single_precision``.
-            saved = state_dict["settings"].get(name, False)
+            saved = state_dict["settings"].get(name, False)  # False in older checkpoints
             if saved != setting:
                 raise OtherRunError(
                     f"{self._path} cannot be continued: the file was recorded with {name}={saved}, "

@@ -199,7 +199,7 @@ def joint_values(
     The opening and the tangential gap are added. Means over a joint are repeated at all its points.
 
     Args:
-        values: Values by name in the stream ``states``, such as ``gap``, shape (n, ...).
+        values: Values by name in the stream ``states``, such as ``gap`` with shape (..., n, 3).
         cell_data: Cell data of the grid of these points.
         count: Number of joints in the grid.
         added: Function that sums values over the parts of the grid.
@@ -207,14 +207,16 @@ def joint_values(
     units = {row.key: row.unit for row in rows_below("states", "joints/*/")}
     named: dict[str, Any] = {f"{name} [{units[name]}]": data for name, data in values.items()}
     gap, rows = values["gap"], rows_by("mean")
-    joint = cell_data.get("joint [-]", np.zeros(len(gap), dtype=np.int64))
+    joint = cell_data.get("joint [-]", np.zeros(gap.shape[-2], dtype=np.int64))
     areas = np.where(cell_data["tied [-]"] == 0, cell_data["area [m^2]"], 0.0)
-    points = JointPoints(gap, gap[:, 1:], values["traction"], np.zeros(len(gap)))
-    columns = [areas, *(areas * column for column in at_points(rows, points))]
-    total, *sums = added(np.stack([np.bincount(joint, column, count) for column in columns]))
-    means = zip(rows, sums, strict=True)
-    named |= {f"{row.label} [{row.unit}]": (integral / total)[joint] for row, integral in means}
+    points = JointPoints(gap, gap[..., 1:], values["traction"], np.zeros(gap.shape[:-1]))
+    columns = np.concatenate(
+        [np.broadcast_to(areas, (1, *gap.shape[:-1])), areas * at_points(rows, points)]
+    )
+    total, *sums = added(np.apply_along_axis(lambda of: np.bincount(joint, of, count), -1, columns))
+    for row, integral in zip(rows, sums, strict=True):
+        named[f"{row.label} [{row.unit}]"] = (integral / total)[..., joint]
     return named | {
-        "opening [m]": np.maximum(gap[:, 0], 0.0),
-        "tangential gap [m]": np.hypot(gap[:, 1], gap[:, 2]),
+        "opening [m]": np.maximum(gap[..., 0], 0.0),
+        "tangential gap [m]": np.hypot(gap[..., 1], gap[..., 2]),
     }

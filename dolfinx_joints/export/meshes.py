@@ -65,7 +65,8 @@ def to_pyvista(
         grid = joint_grid(results, joint)
         joints[joint] = _grid(pyvista, grid)
         joints[joint].point_data["displacement [m]"] = grid.motion @ displacement
-        joints[joint].cell_data.update(values_of(results, [joint], number, grid))
+        values = values_of(results, [joint], slice(number, number + 1), grid)
+        joints[joint].cell_data.update({name: states[0] for name, states in values.items()})
     blocks = pyvista.MultiBlock()
     blocks["body"], blocks["joints"] = body, joints
     return blocks

@@ -18,6 +18,8 @@ from dolfinx_joints.export.vtk_files import VtkFile, check_free, vtk_path
 from dolfinx_joints.results.arguments import StageStates
 from dolfinx_joints.results.reader import Results
 
+_BLOCK_BYTES = 1 << 22  # displacements of the states that are in memory together
+
 
 @checked
 def write_vtk(
@@ -63,18 +65,24 @@ def write_vtk(
 
 
 def _write(results: Results, path: Path) -> None:
-    times = results.time("states")
-    body = VtkFile(path, body_grid(results))
-    for number, time in enumerate(times):
-        displacement = results.series("states", "displacement", number)
-        body.append(time, {"displacement [m]": displacement}, {})
-    if results.joints:
-        grid = joined({joint: joint_grid(results, joint) for joint in results.joints})
-        file = VtkFile(joints_path(path), grid)
-        for number, time in enumerate(times):
-            displacement = grid.motion @ results.series("states", "displacement", number)
-            values = values_of(results, results.joints, number, grid)
-            file.append(time, {"displacement [m]": displacement}, values)
+    names, times, grid = results.joints, results.time("states"), body_grid(results)
+    body = VtkFile(path, grid)
+    if names:
+        surfaces = joined({name: joint_grid(results, name) for name in names})
+        joints = VtkFile(joints_path(path), surfaces)
+    count = max(1, _BLOCK_BYTES // grid.points.nbytes)
+    for first in range(0, len(times), count):
+        block = slice(first, first + count)
+        moved = results.series("states", "displacement", block)
+        body.append(times[block], {"displacement [m]": np.concatenate(moved)}, {})
+        if names:
+            values = values_of(results, names, block, surfaces)
+            of_joints = np.concatenate([surfaces.motion @ nodes for nodes in moved])
+            joints.append(
+                times[block],
+                {"displacement [m]": of_joints},
+                {name: np.concatenate(states) for name, states in values.items()},
+            )
 
 
 def joints_path(path: Path) -> Path:
@@ -82,19 +90,19 @@ def joints_path(path: Path) -> Path:
     return path.with_name(f"{path.stem}_joints{path.suffix}")
 
 
-def values_of(results: Results, joints: Sequence[str], number: int, grid: Grid) -> dict[str, Any]:
-    """Return the values of a record at the points of all given joints, by name with unit.
+def values_of(results: Results, joints: Sequence[str], block: slice, grid: Grid) -> dict[str, Any]:
+    """Return the values of records at the points of all given joints, by name with unit.
 
-    Quantities that a joint does not have are NaN.
+    The shape is (records, points, ...). Quantities that a joint does not have are NaN.
     """
     starts = tuple(f"joints/{joint}/" for joint in joints)
     names = [name for name in results.streams["states"] if name.startswith(starts)]
-    record = {name: results.series("states", name, number) for name in names}
+    records = {name: results.series("states", name, block) for name in names}
     values = {}
     for quantity in dict.fromkeys(name.split("/", 2)[2] for name in names):
         parts = []
         for start in starts:
-            missing = np.full(len(record[f"{start}gap"]), np.nan)
-            parts.append(record.get(start + quantity, missing))
-        values[quantity] = np.concatenate(parts)
+            missing = np.full(records[f"{start}gap"].shape[:2], np.nan)
+            parts.append(records.get(start + quantity, missing))
+        values[quantity] = np.concatenate(parts, axis=1)
     return joint_values(values, grid.cell_data, len(joints))

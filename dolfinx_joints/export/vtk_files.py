@@ -13,10 +13,10 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dolfinx_joints.common.arrays import Dealt, blocks_in
+from dolfinx_joints.common.arrays import Dealt, Floats, blocks_in
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.export.grids import Array, Grid
-from dolfinx_joints.export.whole_files import changing, creating, discard_redo, repair
+from dolfinx_joints.export.whole_files import ChangingFile, creating, discard_redo, repair
 from dolfinx_joints.results.reader import listing
 from dolfinx_joints.results.stream import add_rows, write_whole
 
@@ -46,7 +46,7 @@ class VtkFile:
     """
 
     def __init__(self, path: Path, grid: Grid) -> None:
-        self.path, self._fixed = path, dict(grid.cell_data)
+        self.path, self._fixed, self._file = path, dict(grid.cell_data), ChangingFile(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             discard_redo(path)
@@ -66,10 +66,10 @@ class VtkFile:
             ResultsError: The file has a different grid.
         """
         file = cls.__new__(cls)
-        file.path, file._fixed = path, dict(grid.cell_data)
+        file.path, file._fixed, file._file = path, dict(grid.cell_data), ChangingFile(path)
         try:
             repair(path)
-            with changing(path) as opened:
+            with file._file.changes() as opened:
                 same_grid = _has_grid(opened["VTKHDF"], grid)
                 if same_grid:
                     _truncate(opened["VTKHDF"], last)
@@ -79,28 +79,60 @@ class VtkFile:
             raise ResultsError(f"{path} cannot be continued: its mesh differs from this model's.")
         return file
 
-    def append(self, time: float, point_data: Values, cell_data: Values) -> None:
-        """Append a time [s] with values by name, shape (points or cells, ...).
+    def append(self, times: Floats, point_data: Values, cell_data: Values) -> None:
+        """Append times [s] with values by name, shape (times x points or cells, ...).
 
-        All times must have the same names.
+        The values of the times follow each other. All times must have the same names.
 
         Raises:
             ResultsError: The file cannot be written, or the disk is full.
         """
         try:
-            with changing(self.path) as file:
-                root, steps = file["VTKHDF"], file["VTKHDF/Steps"]
-                for kind, data in (("PointData", point_data), ("CellData", cell_data)):
-                    group, offsets = root[kind], steps[f"{kind}Offsets"]
-                    for name, fixed in (self._fixed if kind == "CellData" else {}).items():
-                        _append_values(group, offsets, name, fixed, once=True)
+            with self._file.changes() as file:
+                all_data = {"PointData": point_data, "CellData": {**self._fixed, **cell_data}}
+                for kind, data in all_data.items():
                     for name, values in data.items():
-                        _append_values(group, offsets, name, values)
+                        self._append_values(file, kind, name, values, len(times))
                 file.flush()
-                _append_time(steps, time)
+                self._append_times(file, times)
         except (OSError, KeyError, RuntimeError) as error:
             reason = getattr(error, "strerror", None) or error
             raise ResultsError(f"{self.path} cannot grow: {reason}.") from None
+
+    def close(self) -> None:
+        """Close the file until the next append."""
+        self._file.close()
+
+    def _append_values(
+        self, file: h5py.File, kind: str, name: str, data_values: ArrayLike | Dealt, count: int
+    ) -> None:
+        """Append the values of ``count`` times and their offsets; store fixed values only once."""
+        values = data_values if isinstance(data_values, Dealt) else np.asarray(data_values)
+        key = name.replace("/", " per ")  # a slash would create a group in HDF5
+        places = f"VTKHDF/{kind}/{key}", f"VTKHDF/Steps/{kind}Offsets/{key}"
+        fixed = kind == "CellData" and name in self._fixed
+        length = len(values) if fixed else len(values) // count
+        if self._file.dataset(places[0]) is None:
+            rows = min(length, _CHUNK // max(1, int(np.prod(values.shape[1:]))))
+            _new_growing(file, places[0], values.shape[1:], values.dtype, max(1, rows))
+            _new_growing(file, places[1], (), np.int64)
+        dataset, offsets = map(self._file.dataset, places)
+        begin = dataset.id.shape[0]
+        if not (fixed and begin):
+            _extend(dataset, values)
+        if fixed:
+            _extend_by_zeros(offsets, count)
+        else:
+            _extend(offsets, begin + length * np.arange(count))
+
+    def _append_times(self, file: h5py.File, times: Floats) -> None:
+        """Append times; increase the number of steps last, so that readers see complete data."""
+        for name in _FIXED_OFFSETS:
+            _extend_by_zeros(self._file.dataset(f"VTKHDF/Steps/{name}"), len(times))
+        _extend(self._file.dataset("VTKHDF/Steps/NumberOfParts"), np.ones(len(times)))
+        values = self._file.dataset("VTKHDF/Steps/Values")
+        _extend(values, times)
+        file["VTKHDF/Steps"].attrs["NSteps"] = values.id.shape[0]
 
 
 class DamagedFileError(ResultsError):
@@ -174,43 +206,18 @@ def _write_grid(file: h5py.File, grid: Grid) -> None:
         steps.create_group(f"{name}Offsets")
 
 
-def _append_values(
-    data: h5py.Group,
-    offsets: h5py.Group,
-    name: str,
-    data_values: ArrayLike | Dealt,
-    *,
-    once: bool = False,
-) -> None:
-    """Append values of all points or cells and their offset; ``once`` stores them for all times."""
-    values = data_values if isinstance(data_values, Dealt) else np.asarray(data_values)
-    key = name.replace("/", " per ")  # a slash would create a group in HDF5
-    if (dataset := data.get(key)) is None:
-        rows = min(len(values), _CHUNK // max(1, int(np.prod(values.shape[1:]))))
-        dataset = _new_growing(data, key, values.shape[1:], values.dtype, max(1, rows))
-        _new_growing(offsets, key, (), np.int64)
-    begin = len(dataset)
-    if not (once and begin):
-        _extend(dataset, values)
-    _extend(offsets[key], [0 if once else begin])
-
-
-def _append_time(steps: h5py.Group, time: float) -> None:
-    """Append a time; the number of steps is increased last, so that readers see complete data."""
-    for name in _FIXED_OFFSETS:
-        _extend(steps[name], [0] if name == "PartOffsets" else [[0]])
-    _extend(steps["NumberOfParts"], [1])
-    times = steps["Values"]
-    _extend(times, [time])
-    steps.attrs["NSteps"] = len(times)
-
-
 def _new_growing(
     group: h5py.Group, name: str, shape: tuple[int, ...], dtype: Any, rows: int = 64
 ) -> h5py.Dataset:
     """Create an empty dataset whose first axis can grow, with ``rows`` rows per chunk."""
     shapes = {"maxshape": (None, *shape), "chunks": (rows, *shape)}
     return group.create_dataset(name, (0, *shape), dtype, **shapes)
+
+
+def _extend_by_zeros(dataset: h5py.Dataset, count: int) -> None:
+    """Append rows that are not written, because zero is the fill value."""
+    first, *others = dataset.id.shape
+    dataset.id.set_extent((first + count, *others))
 
 
 def _extend(dataset: h5py.Dataset, rows: Any) -> None:

@@ -12,9 +12,11 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterator
+import weakref
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -32,24 +34,58 @@ def creating(path: Path, size: int) -> Iterator[h5py.File]:
         yield file
 
 
-@contextmanager
-def changing(path: Path) -> Iterator[h5py.File]:
-    """Open an HDF5 file for changes, which are applied if the block ends without an error.
+class ChangingFile:
+    """Existing HDF5 file that stays open between changes; opening takes longer than a change."""
 
-    Raises:
-        OSError: The disk is full; the file is unchanged.
-    """
-    with path.open("r+b", buffering=0) as disk:
-        buffered = _BufferedFile(disk)
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._opened: tuple[io.FileIO, _BufferedFile, h5py.File, Callable[[], Any]] | None = None
+        self._datasets: dict[str, h5py.Dataset] = {}
+
+    @contextmanager
+    def changes(self) -> Iterator[h5py.File]:
+        """Return the file for changes, which are applied if the block ends without an error.
+
+        Raises:
+            OSError: The disk is full; the file is unchanged.
+        """
+        if self._opened is None:
+            disk = self._path.open("r+b", buffering=0)
+            buffered = _BufferedFile(disk)
+            # HDF5 must not keep chunks in memory, because it would do so for each dataset.
+            file = h5py.File(buffered, "r+", rdcc_nbytes=0)
+            # Close the file before the interpreter ends; HDF5 would crash if it did so later.
+            self._opened = disk, buffered, file, weakref.finalize(self, file.close)
+        disk, buffered, file, _ = self._opened
+        size: int | None = buffered.before
         try:
-            with h5py.File(buffered, "r+") as file:
-                yield file
+            yield file
+            file.flush()
             if buffered.error is not None:
                 raise buffered.error
-        except Exception:
-            disk.truncate(buffered.before)
+            size = None
+            _apply(self._path, disk, buffered)
+        except BaseException as error:
+            # Drop the changes that HDF5 has in memory.
+            self.close(size if isinstance(error, Exception) else None)
             raise
-        _apply(path, disk, buffered)
+
+    def dataset(self, name: str) -> Any:
+        """Return a dataset of the open file, None if it does not exist."""
+        assert self._opened is not None
+        if name not in self._datasets and (dataset := self._opened[2].get(name)) is not None:
+            self._datasets[name] = dataset  # HDF5 takes longer to find a dataset than to write it
+        return self._datasets.get(name)
+
+    def close(self, size: int | None = None) -> None:
+        """Close the file, cut to ``size`` bytes if given; the next change opens it again."""
+        if self._opened is not None:
+            (disk, _, _, close), self._opened = self._opened, None
+            self._datasets.clear()
+            with disk:
+                close()
+                if size is not None:
+                    disk.truncate(size)
 
 
 def repair(path: Path) -> None:
@@ -99,6 +135,7 @@ def _apply(path: Path, disk: io.FileIO, buffered: _BufferedFile) -> None:
     _write(disk, changes)
     disk.truncate(size)
     discard_redo(path)
+    buffered.before, buffered.pieces = size, []
 
 
 def _write(disk: io.FileIO, pieces: list[Piece]) -> None:

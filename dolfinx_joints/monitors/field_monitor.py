@@ -204,7 +204,7 @@ class FieldMonitor(Monitor):
         fixed = [grid.cell_data for grid in self._grids.values()]
         with handing_out(self._comm, values, fixed):
             for ending, file in self._files.items():
-                file.append(time, *values[ending])
+                file.append(np.array([time]), *values[ending])
 
     def _values(
         self,
@@ -252,7 +252,9 @@ class FieldMonitor(Monitor):
         return values
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Unlock the files (collective)."""
+        """Close and unlock the files (collective)."""
+        for file in self._files.values():
+            file.close()
         if self._lock is not None:
             self._lock.release()
 

@@ -65,6 +65,7 @@ class ResultsMonitor(Monitor):
         resultants: Record force and moment of each joint and on each block at every step.
         static_part: Record the static part of the displacement under a `DifferingMotion`, at the
             points in every step and at all nodes in each state. Costs one solve per step.
+        single_precision: Store states in half the space; the relative error of a number is 6e-8.
 
     Example:
         >>> from mpi4py import MPI
@@ -91,6 +92,7 @@ class ResultsMonitor(Monitor):
     envelopes: bool | Sequence[str] = False
     resultants: bool = False
     static_part: bool = False
+    single_precision: bool = False
 
     def __post_init__(self) -> None:
         """Check the arguments; nothing is written before the run starts."""
@@ -156,7 +158,8 @@ class ResultsMonitor(Monitor):
         backup = None if contains_only_statics(self._path) else self._backup
         self._has_backup = self.overwrite and backup is not None and self._path.exists()
         overwrite = self.overwrite or self._stages == 0
-        return ResultsWriter(self._path, facts, overwrite=overwrite, aside=backup)
+        rows = {"statics": max(1, len(stages))}
+        return ResultsWriter(self._path, facts, overwrite=overwrite, aside=backup, rows=rows)
 
     def _begin(
         self, writer: ResultsWriter, values: Mapping[str, Mapping[str, Any]], frame: str = ""
@@ -167,7 +170,8 @@ class ResultsMonitor(Monitor):
         if self._directions is not None:
             declare_directions(writer, *self._directions)
         for stream, example in values.items():
-            declare(writer, stream, example, frame=frame)
+            single = self.single_precision and stream == "states"
+            declare(writer, stream, example, frame=frame, single=single)
         writer.start()
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
@@ -187,6 +191,8 @@ class ResultsMonitor(Monitor):
         examples |= {"states": state} | ({"statics": stages[0]} if stages else {})
         if self._directions is not None:
             examples["envelopes"] = dict.fromkeys(ENVELOPE_NAMES, self._directions[0])
+        rows = dict.fromkeys(("histories", "energy", "joints", "resultants"), steps + 1)
+        rows |= {"statics": len(stages), "states": steps // self.every + 1, "envelopes": 1}
 
         def create() -> None:
             facts["manifest"] = manifest(
@@ -195,7 +201,7 @@ class ResultsMonitor(Monitor):
             replaces = self.overwrite or (
                 self._stages is not None and contains_only_statics(self._path)
             )
-            self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces)
+            self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces, rows=rows)
             if self._has_backup:
                 self._backup.unlink(missing_ok=True)
             if forces is not None:
@@ -296,15 +302,15 @@ class ResultsMonitor(Monitor):
         """Settings that must not change when the file is continued."""
         points = {name: [*probe.place, probe.group] for name, probe in self._points.items()}
         faces = self.envelopes if isinstance(self.envelopes, bool) else list(self.envelopes)
-        extra = {"envelopes": faces, "resultants": self.resultants, "static_part": self.static_part}
-        return {"points": points, "every": self.every, **extra}
+        names = "every", "resultants", "static_part", "single_precision"
+        return {"points": points, "envelopes": faces, **{n: getattr(self, n) for n in names}}
 
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]
     ) -> None:
         """Continue the file and discard records after ``last`` (collective)."""
         for name, setting in self._settings.items():
-            saved = state_dict["settings"][name]
+            saved = state_dict["settings"].get(name, False)  # False in older checkpoints
             if saved != setting:
                 raise OtherRunError(
                     f"{self._path} cannot be continued: the file was recorded with {name}={saved}, "

@@ -37,12 +37,17 @@ class Cells(NamedTuple):
 
 
 def declare(
-    writer: ResultsWriter, stream: str, values: Mapping[str, Any], *, frame: str = ""
+    writer: ResultsWriter,
+    stream: str,
+    values: Mapping[str, Any],
+    *,
+    frame: str = "",
+    single: bool = False,
 ) -> None:
     """Declare series of a stream, with units and descriptions from `quantities`.
 
     The values by name are one record, or arrays with the shapes of a record. The frame names the
-    reference of displacements and accelerations.
+    reference of displacements and accelerations; ``single`` stores numbers in single precision.
 
     Raises:
         ResultsError: A name is missing in the table.
@@ -50,7 +55,8 @@ def declare(
     for name, value in values.items():
         row, of = row_of(stream, name)
         text = (row.text or row.label).format(of, frame=frame)
-        writer.series(stream, name, np.shape(value), row.unit, text, dtype=row.dtype)
+        dtype = np.float32 if single and row.dtype == np.float64 else row.dtype
+        writer.series(stream, name, np.shape(value), row.unit, text, dtype=dtype)
 
 
 def declare_points(writer: ResultsWriter, points: ArrayLike) -> None:

@@ -275,7 +275,8 @@ class Results(Summarised):
             index: Number of a record (negative from the end) or a slice; only these are read.
 
         Returns:
-            Shape (rows, ...), or the shape of one record if ``index`` is a number.
+            Shape (rows, ...), or the shape of one record if ``index`` is a number. Numbers stored
+            in single precision are returned in double precision.
         """
         dataset, rows = self._series(stream, name), self.rows(stream)
         if not isinstance(index, slice):
@@ -288,7 +289,8 @@ class Results(Summarised):
                 raise ResultsError(f"A slice of records must have a positive step, got {step}.")
             index = slice(start, max(start, stop), step)
         with self._reading():
-            return np.asarray(dataset[index])
+            values = np.asarray(dataset[index])
+        return values.astype(np.float64) if values.dtype == np.float32 else values
 
     @checked
     def nearest(self, stream: str, time: float) -> int:

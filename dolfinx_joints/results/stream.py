@@ -17,7 +17,7 @@ from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.results.reader import listing
 
 _CHUNK_BYTES = 65536
-_BUFFER_ROWS = 256
+BUFFER_ROWS = 256
 _BUFFER_BYTES = 1 << 24
 _LINKS = h5py.h5p.create(h5py.h5p.LINK_CREATE)
 _LINKS.set_create_intermediate_group(True)
@@ -33,8 +33,9 @@ class Stream:
         chunks: Size of one chunk of all datasets together [bytes].
     """
 
-    def __init__(self, parent: h5py.Group, name: str) -> None:
-        self.name, self.waiting = name, 0
+    def __init__(self, parent: h5py.Group, name: str, rows: int) -> None:
+        """Create the stream for an expected number of ``rows``; more are possible."""
+        self.name, self.waiting, self._expected = name, 0, rows
         self._last = -np.inf
         self._group = parent.create_group(name)
         self._datasets: dict[str, h5py.Dataset] = {}
@@ -43,7 +44,7 @@ class Stream:
         self._rows: dict[str, Any] = {}
         self._times: list[float] = []
         self._capacity = 0
-        self._time = extendable(self._group, "time", (), np.dtype(np.float64), fill=np.nan)
+        self._time = self._extendable("time", (), np.dtype(np.float64), np.nan)
         unit, text = (
             ("-", "number of the stage, from 1")
             if name == "statics"
@@ -61,11 +62,33 @@ class Stream:
         self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], unit: str, text: str
     ) -> None:
         """Create the dataset of a quantity; ``shape`` is the shape of one record."""
-        dataset = extendable(self._group, name, shape, dtype)
+        dataset = self._extendable(name, shape, dtype)
         set_texts(dataset, unit=unit, description=text)
         self._datasets[name], self._shapes[name] = dataset, shape
         self.row_bytes += math.prod(shape) * dtype.itemsize
         self.chunks += math.prod(dataset.chunks) * dtype.itemsize
+
+    def _extendable(
+        self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], fill: float = 0.0
+    ) -> h5py.Dataset:
+        """Create an empty dataset that can grow; ``shape`` is the shape of one row.
+
+        The expected rows fill chunks of equal size, at most 64 kB and 1024 rows each.
+        """
+        row_bytes = max(1, math.prod(shape) * dtype.itemsize)
+        largest = min(1024, max(1, _CHUNK_BYTES // row_bytes))
+        rows = -(-self._expected // -(-self._expected // largest))
+        # Do not fill large chunks: HDF5 would keep a filled chunk in memory.
+        large = row_bytes > _CHUNK_BYTES
+        # The low-level interface of h5py takes half the time of `create_dataset`.
+        layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        layout.set_chunk((rows, *(max(1, length) for length in shape)))
+        layout.set_fill_value(np.array(fill, dtype))
+        layout.set_fill_time(h5py.h5d.FILL_TIME_NEVER if large else h5py.h5d.FILL_TIME_IFSET)
+        layout.set_obj_track_times(False)
+        space = h5py.h5s.create_simple((0, *shape), (h5py.h5s.UNLIMITED, *shape))
+        kind, key = h5py.h5t.py_create(dtype, logical=True), name.encode()
+        return h5py.Dataset(h5py.h5d.create(self._group.id, key, kind, space, layout, _LINKS))
 
     def append(self, time: float, values: Mapping[str, Any]) -> None:
         """Add a row to the buffer; see `ResultsWriter.append`."""
@@ -113,7 +136,7 @@ class Stream:
         """
         dealt = {name for name, value in first.items() if isinstance(value, Dealt)}
         capacity = 1 if dealt else max(1, _BUFFER_BYTES // self.row_bytes)
-        self._capacity = min(_BUFFER_ROWS, capacity)
+        self._capacity = min(BUFFER_ROWS, capacity)
         for name, dataset in self._datasets.items():
             if name not in dealt:
                 self._rows[name] = np.empty((self._capacity, *self._shapes[name]), dataset.dtype)
@@ -160,7 +183,7 @@ class Stream:
 
 def add_rows(dataset: h5py.Dataset, rows: NDArray[Any] | Sequence[float]) -> None:
     """Append rows to a dataset; h5py's low-level interface is twice as fast."""
-    values = np.ascontiguousarray(rows, dtype=dataset.dtype)
+    values = np.ascontiguousarray(rows, dtype=dataset.id.dtype)
     start = dataset.id.shape[0]
     dataset.id.set_extent((start + len(values), *values.shape[1:]))
     _write(dataset, (start, *(0 for _ in values.shape[1:])), values)
@@ -206,22 +229,3 @@ def copy_rows(source: h5py.Dataset, target: h5py.Dataset, count: int) -> None:
         else:
             for start, stop in itertools.pairwise(ends):
                 target[rows, start:stop] = source[rows, start:stop]
-
-
-def extendable(
-    group: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], *, fill: float = 0.0
-) -> h5py.Dataset:
-    """Create an empty dataset that can grow; ``shape`` is the shape of one row."""
-    row_bytes = max(1, math.prod(shape) * dtype.itemsize)
-    chunks = (min(1024, max(1, _CHUNK_BYTES // row_bytes)), *(max(1, length) for length in shape))
-    # Do not fill large chunks: HDF5 would keep a filled chunk in memory.
-    fill_time = h5py.h5d.FILL_TIME_NEVER if row_bytes > _CHUNK_BYTES else h5py.h5d.FILL_TIME_IFSET
-    # The low-level interface of h5py takes half the time of `create_dataset`.
-    layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-    layout.set_chunk(chunks)
-    layout.set_fill_value(np.array(fill, dtype))
-    layout.set_fill_time(fill_time)
-    layout.set_obj_track_times(False)
-    space = h5py.h5s.create_simple((0, *shape), (h5py.h5s.UNLIMITED, *shape))
-    kind = h5py.h5t.py_create(dtype, logical=True)
-    return h5py.Dataset(h5py.h5d.create(group.id, name.encode(), kind, space, layout, _LINKS))

@@ -22,7 +22,7 @@ from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.common.parameters import PLAIN_NAMES, check_kind_of, is_plain_name, shown
 from dolfinx_joints.results.disk_space import Room
 from dolfinx_joints.results.reader import FORMAT, VERSION, Results
-from dolfinx_joints.results.stream import Stream, write_whole
+from dolfinx_joints.results.stream import BUFFER_ROWS, Stream, write_whole
 
 Status = Literal["running", "complete", "stopped", "failed"]
 
@@ -41,7 +41,8 @@ class ResultsWriter:
         metadata: Facts of the run: values that JSON can represent, NumPy scalars and arrays.
         overwrite: True to replace an existing file.
         aside: Path to which an existing file is moved; by default the file is deleted.
-        flush_interval: Longest time that appended rows stay in memory [s]; checked at each new row.
+        rows: Expected number of records by stream (256), to which chunks of the file are fitted.
+        flush_interval: Longest processor time of rows in memory [s]; checked at each new row.
     """
 
     def __init__(
@@ -51,9 +52,10 @@ class ResultsWriter:
         *,
         overwrite: bool = False,
         aside: Path | None = None,
+        rows: Mapping[str, int] | None = None,
         flush_interval: float = 1.0,
     ) -> None:
-        self.path = Path(path)
+        self.path, self._expected = Path(path), dict(rows or {})
         encoded = _encode_json(metadata, "metadata")
         self._lock = FileLock(self.path, ResultsError)
         with released(self._lock, at_end=False):
@@ -68,7 +70,7 @@ class ResultsWriter:
         self._streams: dict[str, Stream] = {}
         self._finished = False
         self._flush_interval = flush_interval
-        self._flushed_at = clock.monotonic()
+        self._flushed_at = clock.process_time()  # a busy machine must not write more often
 
     def _create(self, overwrite: bool, aside: Path | None) -> None:
         if self.path.exists() and not overwrite:
@@ -148,6 +150,7 @@ class ResultsWriter:
                 self._room.reserve(self.path, statics[name].nbytes)
                 statics.file.copy(statics[name], self._file["static"], name)
             for stream, names in old.streams.items():
+                self._expected[stream] = streams[stream]["time"].chunks[0]
                 for name in names:
                     shape, dtype = streams[stream][name].shape[1:], streams[stream][name].dtype
                     texts = old.unit(stream, name), old.description(stream, name)
@@ -233,7 +236,8 @@ class ResultsWriter:
         """
         self._check_declaration(name)
         if stream not in self._streams:
-            self._streams[stream] = Stream(self._file["streams"], stream)
+            rows = self._expected.get(stream, BUFFER_ROWS)
+            self._streams[stream] = Stream(self._file["streams"], stream, rows)
         self._streams[stream].declare(name, tuple(shape), np.dtype(dtype), unit, description)
 
     def start(self) -> None:
@@ -269,12 +273,12 @@ class ResultsWriter:
     @property
     def due(self) -> bool:
         """True if rows have been in memory for the flush interval."""
-        return clock.monotonic() - self._flushed_at >= self._flush_interval
+        return clock.process_time() - self._flushed_at >= self._flush_interval
 
     def flush(self) -> None:
         """Write all appended rows to the file."""
         self._flush_streams(self._streams.values())
-        self._flushed_at = clock.monotonic()
+        self._flushed_at = clock.process_time()
 
     def to_disk(self) -> None:
         """Write all appended rows to the file, and wait until they are on the disk."""

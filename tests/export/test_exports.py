@@ -4,6 +4,7 @@
 
 import warnings
 
+import h5py
 import numpy as np
 import pytest
 
@@ -17,6 +18,7 @@ from vtk_files import read_vtk
 import dolfinx_joints as dj
 from dolfinx_joints import export
 from dolfinx_joints.cli import main
+from dolfinx_joints.export import paraview
 from dolfinx_joints.export.grids import joint_grid
 from dolfinx_joints.geometry.jointed_wall import jointed_wall
 
@@ -114,6 +116,32 @@ def test_plane_run(two_rectangles_file, read, new_path):
     assert histories["displacement"].sel(component="z").notnull().all()
     np.testing.assert_array_equal(frame["reaction/base y [N]"], force[:, 1])
     assert "reaction/base z [N]" not in frame
+
+
+@pytest.mark.parametrize("states", [1, 2, 3])
+def test_blocks_of_states(runs, monkeypatch, tmp_path, states):
+    """Three states in blocks: all numbers are those of the results file, under its units."""
+    results = runs()
+    monkeypatch.setattr(paraview, "_BLOCK_BYTES", states * results.static("mesh/nodes").nbytes)
+    files = export.write_vtk(results, tmp_path / "blocks")
+    body, joints = (h5py.File(path)["VTKHDF"] for path in files[:2])
+    times, u = results.time("states"), results.series("states", "displacement")
+    assert len(times) == 3
+    for file in (body, joints):
+        np.testing.assert_array_equal(file["Steps/Values"], times)
+        assert file["Steps"].attrs["NSteps"] == 3
+    np.testing.assert_array_equal(body["PointData/displacement [m]"], np.concatenate(u))
+    for name, series in (
+        ("gap [m]", "gap"),
+        ("traction [Pa]", "traction"),
+        ("status [-]", "status"),
+    ):
+        parts = [f"joints/{joint}/{series}" for joint in results.joints]
+        assert {results.unit("states", part) for part in parts} == {name.split("[")[1][:-1]}
+        held = np.concatenate([results.series("states", part) for part in parts], axis=1)
+        np.testing.assert_array_equal(joints[f"CellData/{name}"], np.concatenate(held))
+        offsets = joints[f"Steps/CellDataOffsets/{name}"]
+        np.testing.assert_array_equal(offsets, held.shape[1] * np.arange(3))
 
 
 def check_order_of_nodes(body, order):

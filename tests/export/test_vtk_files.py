@@ -4,6 +4,8 @@
 
 import errno
 import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,8 +60,8 @@ def grid():
 def test_what_stays_is_stored_once(grid, tmp_path):
     file = VtkFile(tmp_path / "a.vtkhdf", grid)
     for time in (0.0, 0.5, 1.0):
-        file.append(time, {}, {"opening [m]": time + np.arange(6.0)})
-    VtkFile.resume(tmp_path / "a.vtkhdf", grid, 0.5).append(0.75, {}, {"opening [m]": np.ones(6)})
+        file.append([time], {}, {"opening [m]": time + np.arange(6.0)})
+    VtkFile.resume(tmp_path / "a.vtkhdf", grid, 0.5).append([0.75], {}, {"opening [m]": np.ones(6)})
     found = read_vtk(tmp_path / "a.vtkhdf")
     assert [time for time, _ in found] == [0.0, 0.5, 0.75]
     for _, each in found:
@@ -74,7 +76,7 @@ def test_what_stays_is_stored_once(grid, tmp_path):
 
 def test_files_of_other_grids_and_damaged_ones_are_not_continued(grid, tmp_path):
     path = tmp_path / "a.vtkhdf"
-    VtkFile(path, grid).append(0.0, {}, {})
+    VtkFile(path, grid).append([0.0], {}, {})
     for other in (
         replace(grid, points=grid.points + 1e-3),
         uniform_grid(TRIANGLE, np.array([[0, 1, 2]]), 5, {}),
@@ -90,7 +92,7 @@ def test_files_of_other_grids_and_damaged_ones_are_not_continued(grid, tmp_path)
 def test_a_full_disk_leaves_the_file_whole(grid, tmp_path, monkeypatch, call):
     file = VtkFile(tmp_path / "a.vtkhdf", grid)
     opening = {"opening [m]": np.arange(6.0)}
-    file.append(0.0, {}, opening)
+    file.append([0.0], {}, opening)
 
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -98,8 +100,44 @@ def test_a_full_disk_leaves_the_file_whole(grid, tmp_path, monkeypatch, call):
     with monkeypatch.context() as patch:
         patch.setattr(os, call, full)
         with pytest.raises(ResultsError, match=r"a\.vtkhdf cannot grow: No space left on device"):
-            file.append(1.0, {}, opening)
+            file.append([1.0], {}, opening)
     assert [time for time, _ in read_vtk(tmp_path / "a.vtkhdf")] == [0.0]
+
+
+def test_a_file_is_opened_once_and_closed_before_the_interpreter(tmp_path):
+    """HDF5 would crash a process if it closed the file after the interpreter."""
+    code = (
+        "import ctypes, sys, h5py; sys.path[:0] = sys.argv[2:]; import test_vtk_files as t\n"
+        "opened, of_h5py = [], h5py.File\n"
+        "h5py.File = lambda *args, **kw: opened.append(args) or of_h5py(*args, **kw)\n"
+        "file = t.VtkFile(t.Path(sys.argv[1]), t.lines())\n"
+        "for time in t.TIMES: t.append(file, time)\n"
+        "ctypes.pythonapi.Py_IncRef(ctypes.py_object(file))  # as by objects of PETSc\n"
+        "print(len(opened))"
+    )
+    path, folder = tmp_path / "run.vtkhdf", Path(__file__).parent
+    command = [sys.executable, "-c", code, str(path), str(folder), str(folder.parent)]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout) == (0, "2\n")  # to create it and to append
+    assert check(path) == TIMES
+
+
+def test_times_may_be_appended_together(tmp_path):
+    """One append of two times writes the file of two appends."""
+    one_by_one, together = (VtkFile(tmp_path / f"{n}.vtkhdf", lines()) for n in (1, 2))
+    for time in TIMES:
+        append(one_by_one, time)
+    append(together, *TIMES[:2])
+    append(together, TIMES[2])
+    assert check(together.path) == TIMES
+    with h5py.File(one_by_one.path) as one, h5py.File(together.path) as other:
+        names = []
+        one.visit(names.append)
+        for name in names:
+            if isinstance(one[name], h5py.Dataset):
+                assert one[name].dtype == other[name].dtype
+                np.testing.assert_array_equal(one[name][()], other[name][()])
+    assert {"VTKHDF/CellData/stress [Pa]", "VTKHDF/Steps/CellDataOffsets/in first [-]"} < {*names}
 
 
 LINE = 3  # VTK's number
@@ -116,9 +154,10 @@ def lines(count: int = 40) -> Grid:
     return uniform_grid(points, cells, LINE, {"first": np.arange(5)})
 
 
-def append(file: VtkFile, time: float) -> None:
-    u = time + np.arange(123.0).reshape(41, 3)
-    file.append(time, {"displacement [m]": u}, {"stress [Pa]": time + np.arange(40.0)})
+def append(file: VtkFile, *times: float) -> None:
+    u = np.concatenate([time + np.arange(123.0).reshape(41, 3) for time in times])
+    stress = np.concatenate([time + np.arange(40.0) for time in times])
+    file.append(np.array(times), {"displacement [m]": u}, {"stress [Pa]": stress})
 
 
 def check(path: Path) -> list[float]:

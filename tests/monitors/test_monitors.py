@@ -6,6 +6,7 @@ import warnings
 from dataclasses import dataclass
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
@@ -18,6 +19,7 @@ from vtk_files import on_root, read_vtk
 from whole_vectors import all_of
 
 import dolfinx_joints as dj
+from dolfinx_joints.geometry.ambiesta import ambiesta, mid_crest
 from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.mesh.orientation import facet_normals
@@ -50,6 +52,52 @@ def content(path):
             for name in names:
                 found[f"{stream}/{name}"] = results.series(stream, name)
         return found
+
+
+def test_states_in_single_precision(comm, wall_file, read, new_path):
+    """IEEE's single precision rounds to 24 bits: an error of at most 2**-24 of each number."""
+    model, paths = (
+        wall(read(wall_file())),
+        [new_path(f"{name}.h5") for name in ("double", "single")],
+    )
+    for path, single in zip(paths, (False, True), strict=True):
+        shake(model, [dj.ResultsMonitor(path, points=POINTS, every=2, single_precision=single)])
+
+    def look():
+        double, single = map(content, paths)
+        assert double.keys() == single.keys()
+        rounded = 0
+        for name, exact in double.items():
+            stored, is_state = single[name], name.startswith("states/") and name != "states/time"
+            assert stored.dtype == exact.dtype
+            if is_state and exact.dtype == np.float64:
+                assert np.all(np.abs(stored - exact) <= 2.0**-24 * np.abs(exact))
+                rounded += bool(np.any(stored != exact))
+            else:
+                np.testing.assert_array_equal(stored, exact)
+        assert rounded == 1 + 2 * len(model.operator.names)  # displacement, gaps and tractions
+        with h5py.File(paths[0]) as first, h5py.File(paths[1]) as second:
+            name = "streams/states/displacement"
+            assert second[name].id.get_storage_size() * 2 == first[name].id.get_storage_size()
+
+    on_root(comm, look)
+
+
+def test_files_of_short_runs_are_small(comm, mesh_file, read, new_path):
+    """Write 40 steps of the first demo's dam: no chunk has room left, the file is below 1 MB."""
+    path, model = new_path("dam.h5"), wall(read(mesh_file(ambiesta, size=8.0, order=1)))
+    shake(model, [dj.ResultsMonitor(path, points={"crest": mid_crest()})], steps=40)
+
+    def look():
+        with h5py.File(path) as file:
+            names = []
+            file["streams"].visit(names.append)
+            for series in (file["streams"][name] for name in names):
+                if isinstance(series, h5py.Dataset):
+                    assert series.id.get_storage_size() == series.nbytes, series.name
+        assert path.stat().st_size < 1e6
+
+    on_root(comm, look)
 
 
 def test_results_of_a_run(comm, wall_file, read, new_path):

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Results files: what is written is read, also from torn, growing and foreign files."""
 
+import itertools
 import os
 import pickle
 import signal
@@ -9,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -133,6 +135,42 @@ def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
         assert not results.complete
         assert results.rows("run") == 512  # two buffers of 256; the third was in memory
         np.testing.assert_array_equal(results.series("run", "count"), np.arange(512))
+
+
+@pytest.mark.parametrize(("busy", "rows"), [(True, 512), (False, 600)])
+def test_flushes_follow_the_work_and_not_the_clock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, busy: bool, rows: int
+) -> None:
+    """Count rows in the file if each call of the clock takes 2 s.
+
+    On a busy machine these are seconds of other processes: only full buffers of 256 rows are
+    written. Otherwise each row is older than 1 s and is written.
+    """
+    ticks = itertools.count(0, 2)
+    processor = (lambda: 0.0) if busy else (lambda: float(next(ticks)))
+    clock = SimpleNamespace(monotonic=lambda: float(next(ticks)), process_time=processor)
+    monkeypatch.setattr("dolfinx_joints.results.writer.clock", clock)
+    with writer_of(tmp_path / "r.h5") as writer:
+        append_rows(writer, 0, 600)
+        assert len(writer._file["streams/run/time"]) == rows
+        assert writer.records == {"run": 600}
+
+
+@pytest.mark.parametrize(("rows", "chunk"), [(41, 41), (1024, 1024), (1100, 550), (None, 256)])
+def test_chunks_fit_the_expected_rows(tmp_path: Path, rows: int | None, chunk: int) -> None:
+    """Chunks are equal, with at most 1024 rows and 64 kB: 1100 rows are two chunks of 550."""
+    expected = {} if rows is None else {"rows": {"run": rows}}
+    with writer_of(tmp_path / "r.h5", **expected) as writer:
+        append_rows(writer, 0, 2)
+    for _ in range(2):  # as written, and as copied
+        with h5py.File(tmp_path / "r.h5") as file:
+            assert file["streams/run/count"].chunks == (chunk,)
+            assert file["streams/run/time"].chunks == (chunk,)
+        ResultsWriter.resume(tmp_path / "r.h5", {"run": 2}).close()
+    with ResultsWriter(tmp_path / "s.h5", {}, rows={"run": 20}) as writer:
+        writer.series("run", "u", (1024,), "m", "8 kB: three chunks of 7 rows, 57 kB")
+        writer.start()
+        assert writer._file["streams/run/u"].chunks == (7, 1024)
 
 
 def test_memory_does_not_grow_with_the_rows(tmp_path: Path) -> None:

@@ -291,6 +291,8 @@ def test_results_of_another_run_are_refused(wall_file, read, tmp_path):
         resumed(every=5)
     with pytest.raises(dj.CheckpointError, match="the file was recorded with points="):
         resumed(points={"corner": POINTS["corner"]})
+    with pytest.raises(dj.CheckpointError, match="recorded with single_precision=False, but"):
+        resumed(single_precision=True)
     file.rename(tmp_path / "elsewhere.h5")
     with pytest.raises(dj.ResultsError, match="There is no results file"):
         resumed()

@@ -39,7 +39,11 @@ def new_axes(*, width: Inches = 6.3, height: Inches = 3.2) -> Axes:
 
 def new_figure(**options: Any) -> Figure:
     """Return a figure that notebooks display; the options are those of matplotlib's ``Figure``."""
-    return _shown_classes()[0](**options)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure: Figure = _shown_classes()[0](**options)
+    FigureCanvasAgg(figure)  # measures texts at once; the usual canvas prepares a file for each
+    return figure
 
 
 @cache

@@ -97,7 +97,7 @@ def save(
     place = Path(path)
     try:
         with replacing(place) as part:
-            if place.suffix == ".png":
+            if place.suffix == ".png" and figure.figure.canvas.manager is None:
                 _save_png(figure.figure, part, dpi)
             else:
                 figure.figure.savefig(part, dpi=dpi, format=place.suffix[1:])
@@ -107,20 +107,20 @@ def save(
 
 
 def _save_png(figure: Figure, place: Path, dpi: float) -> None:
-    """Draw a figure once and write it; ``savefig`` draws every figure twice."""
+    """Draw a figure without a window once, and write it; ``savefig`` draws twice."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
-    usual_canvas, usual_dpi = figure.canvas, figure.dpi
-    canvas = FigureCanvasAgg(figure)
+    canvas, usual = figure.canvas, figure.dpi
+    if not isinstance(canvas, FigureCanvasAgg):
+        canvas = FigureCanvasAgg(figure)
     figure.dpi = dpi
     canvas.draw()
-    figure.dpi = usual_dpi
-    figure.set_canvas(usual_canvas)
-    pixels = np.asarray(canvas.buffer_rgba())
-    if pixels[..., 3].min() == 255:
-        pixels = pixels[..., :3]
-    Image.fromarray(pixels).save(place, "png", compress_level=3, dpi=(dpi, dpi))
+    figure.dpi = usual
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba()))
+    if image.getchannel("A").getextrema() == (255, 255):  # opaque
+        image = image.convert("RGB")
+    image.save(place, "png", compress_level=3, dpi=(dpi, dpi))
 
 
 @checked

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
 
 Faces = Sequence[Sequence[int]] | Sequence[Ints] | Ints
 
@@ -371,17 +372,15 @@ def _triad(ax: Axes, camera: Camera, extent: tuple[float, float, float, float]) 
 def write_names(ax: Axes, places: Mapping[str, Floats], colour: str) -> None:
     """Write each name above its place in the picture, with a white outline and without overlaps."""
     from matplotlib.patheffects import withStroke
-    from matplotlib.text import Annotation
-
     style: dict[str, Any] = {"fontsize": "small", "ha": "center", "va": "bottom", "color": colour}
     style["path_effects"] = [withStroke(linewidth=2.0, foreground="white")]
-    written: list[Annotation] = []
+    written: list[Bbox] = []
     for name, place in places.items():
         x, y = _pair(place)
         note = ax.annotate(name, (x, y), xytext=(0, 3), textcoords="offset points", **style)
-        while any(note.get_window_extent().overlaps(w.get_window_extent()) for w in written):
+        while any(note.get_window_extent().overlaps(other) for other in written):
             note.xyann = (0, note.xyann[1] + 4)
-        written.append(note)
+        written.append(note.get_window_extent())
 
 
 def colour_bar(

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -59,11 +60,15 @@ def joint_maps(
     static ``stage`` of this name or number. In maps of tractions open points are black. The slip is
     the tangential gap. Tied points, at the end of a joint inside a body, are hatched.
     """
-    return JointMaps(results, joints).draw(quantity, time=time, index=index, stage=stage)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure = JointMaps(results, joints).draw(quantity, time=time, index=index, stage=stage)
+    FigureCanvasAgg(figure)  # so that changes of the panels are drawn
+    return figure
 
 
 class JointMaps:
-    """Figure of `joint_maps`, in which other values can be drawn.
+    """Figure of `joint_maps`, in which other values can be drawn; its panels are drawn once.
 
     Args:
         results: The run.
@@ -78,6 +83,7 @@ class JointMaps:
         self._results = results
         self._surfaces = {name: JointSurface(results, name) for name in names}
         self._figure, panels, self._bar = _layout(self._surfaces)
+        self._canvas = _canvas_class()(self._figure)
         self._patches = {n: draw_patches(ax, self._surfaces[n]) for n, ax in panels.items()}
         for name, ax in panels.items():
             ax.set_title(name, fontsize="medium", loc="left")
@@ -106,10 +112,38 @@ class JointMaps:
         self._bar.remove()
         self._bar = self._figure.add_axes(place)
         name = MAP_LABELS[quantity].split(" $")[0].split(" [")[0]
-        self._figure.suptitle(f"{name} {moment}", x=0.01, ha="left", y=0.995, fontsize="large")
+        title = self._figure.suptitle(
+            f"{name} {moment}", x=0.01, ha="left", y=0.995, fontsize="large"
+        )
         some_open, some_tied = bool(is_open.any()), bool(tied.any())
         _draw_key(self._bar, quantity, limits, some_open=some_open, some_tied=some_tied)
+        panels = [patches.axes for patches in self._patches.values()]
+        self._canvas.values = [*(c for ax in panels for c in ax.collections), title, self._bar]
         return self._figure
+
+
+@cache
+def _canvas_class() -> type:
+    """Return a canvas that draws the artists in ``values`` each time, and all others once."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    class PanelCanvas(FigureCanvasAgg):
+        values: Sequence[Any] = ()
+        drawn: Any = None  # renderer with the other artists
+
+        def draw(self) -> None:
+            if self.drawn is not self.get_renderer():  # another size
+                for artist in self.values:
+                    artist.set_visible(False)
+                super().draw()
+                self.drawn, self.panels = self.renderer, self.copy_from_bbox(self.figure.bbox)
+                for artist in self.values:
+                    artist.set_visible(True)
+            self.restore_region(self.panels)
+            for artist in self.values:
+                artist.draw(self.renderer)
+
+    return PanelCanvas
 
 
 def draw_patches(ax: Axes, surface: JointSurface) -> PolyCollection:

@@ -278,8 +278,9 @@ def _actor(
 def polygons(points: ArrayLike, faces: Faces) -> Any:
     """Return polygons as a ``pyvista.PolyData``; the points are copied."""
     pyvista = load_pyvista()
-    counted = [np.concatenate([[len(face)], face]) for face in faces]
-    cells = np.concatenate(counted) if counted else np.empty(0, dtype=np.int64)
+    lengths = [len(face) for face in faces]
+    numbers = np.concatenate([np.empty(0, dtype=np.int64), *faces])
+    cells = np.insert(numbers, np.cumsum([0, *lengths[:-1]]), lengths) if lengths else numbers
     return pyvista.PolyData(np.array(points, dtype=np.float64), faces=cells.astype(np.int64))
 
 
@@ -341,7 +342,7 @@ def draw(scene: Scene, cameras: Sequence[Camera]) -> tuple[Figure, list[Axes]]:
     for ax, camera, extent in zip(axes, cameras, extents, strict=True):
         ax.imshow(scene.render(camera), extent=extent, interpolation="antialiased")
         ax.set_axis_off()
-        ax.set_title(f"from {camera.side}", fontsize="small", fontstyle="italic", pad=12.0)
+        ax.set_title(f"from {camera.side}", fontsize="small", fontstyle="italic", y=1.0, pad=12.0)
         _triad(ax, camera, extent)
     return figure, axes
 

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import os
 import sys
 import warnings
@@ -93,6 +95,7 @@ def _add_report(commands: Any) -> None:
 def _report(options: Any) -> None:
     from dolfinx_joints import report
 
+    atexit.register(gc.freeze)  # a search for garbage at exit takes 0.3 s
     path = report.write(options.results, options.out, with_3d=not options.no_3d)
     folder = report.picture_folder(path)
     pictures = f", pictures in {folder}" if folder.is_dir() else ""

@@ -175,10 +175,10 @@ def arias_intensity(acceleration: ArrayLike, dt: Seconds) -> Floats:
     Returns:
         Shape (n, ...), [m/s]; zero at the first sample, the intensity of the motion at the last.
     """
-    from scipy.integrate import cumulative_trapezoid
-
-    cumulative = cumulative_trapezoid(_signal(acceleration) ** 2, dx=dt, axis=0, initial=0.0)
-    return np.asarray(np.pi / (2.0 * STANDARD_GRAVITY) * cumulative)
+    squares = _signal(acceleration) ** 2
+    cumulative = np.zeros_like(squares)
+    np.cumsum(0.5 * dt * (squares[:-1] + squares[1:]), axis=0, out=cumulative[1:])
+    return np.pi / (2.0 * STANDARD_GRAVITY) * cumulative
 
 
 @checked

@@ -107,28 +107,29 @@ def reference_displacement(results: Results, relative_to: str | None) -> Floats:
 
 
 def nodal_displacement(
-    results: Results, number: int, relative_to: str | None = None
+    results: Results, index: int | slice, relative_to: str | None = None
 ) -> tuple[Floats, str]:
-    """Return the displacement of all nodes at a record of ``states``, and its reference.
+    """Return the displacement of all nodes at records of ``states``, and its reference.
 
     Args:
         results: The run.
-        number: Number of the record, from 0.
+        index: Number of one record, from 0, or a slice of records.
         relative_to: Name of a monitor point, or ``ground`` as in `reference_displacement`. Unless
             given, the mean of the lowest nodes is subtracted from absolute displacements, so that
             the deformation is visible. Relative displacements are not changed.
 
     Returns:
-        Displacement, shape (nodes, 3), [m]; and the reference in words.
+        Displacement, shape (nodes, 3) or (records, nodes, 3), [m]; and the reference in words.
     """
-    u = results.series("states", "displacement", number)
+    u = results.series("states", "displacement", index)
     if relative_to is None and not results.relative:
         height = results.static("mesh/nodes")[:, 1 if is_plane(results) else 2]
         lowest = height <= height.min() + 1e-6 * np.ptp(height)
-        return u - u[lowest].mean(axis=0), f"relative to the {BASE}"
+        return u - u[..., lowest, :].mean(axis=-2, keepdims=True), f"relative to the {BASE}"
     if relative_to is not None:
-        row = results.nearest("histories", float(results.time("states")[number]))
-        u = u - reference_displacement(results, relative_to)[row]
+        times = np.atleast_1d(results.time("states")[index])
+        rows = [results.nearest("histories", float(time)) for time in times]
+        u = u - reference_displacement(results, relative_to)[rows].reshape(*u.shape[:-2], 1, 3)
     return u, frame_name(results, relative_to)
 
 

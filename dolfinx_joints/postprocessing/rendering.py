@@ -7,6 +7,7 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Mapping, Sequence
+from functools import cache
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
@@ -21,12 +22,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
 
 Faces = Sequence[Sequence[int]] | Sequence[Ints] | Ints
 
 _MARGIN = 0.02  # share of the larger side of a picture
 _DARK = "#262626"
-_CONTOUR: dict[str, Any] = {"color": _DARK, "line_width": 2.5, "lighting": False, "scalars": None}
+_CONTOUR: dict[str, Any] = {"color": _DARK, "line_width": 1.5, "lighting": False}
 _RAISED = 4e-3  # offset of lines from their surface towards the eye, relative to the larger side
 _HIGHEST = 1.4  # largest ratio of height to width of a figure
 _LONGEST_LINE = 26  # longest line of the label of a colour bar [characters]
@@ -107,7 +109,7 @@ class Scene:
             data.cell_data["value"] = np.asarray(of_faces)
         if nodal is not None or of_faces is not None:
             # Without lighting the colours match the colour bar.
-            style = {"scalars": "value", "lighting": False, "nan_color": "black"} | style
+            style = {"lighting": False} | style
         self.layers.append((data, style))
 
     def contours(
@@ -174,40 +176,117 @@ class Scene:
         Returns:
             Red, green and blue, shape (height, width, 3), from the top left.
         """
-        pyvista = load_pyvista()
+        load_pyvista()
+        from vtkmodules.util.numpy_support import vtk_to_numpy
+        from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+        from vtkmodules.vtkRenderingCore import vtkLightKit, vtkRenderer
+
         x_min, x_max, bottom, top = self.extent(camera)
-        per_metre = pixels / max(x_max - x_min, top - bottom)
-        size = [max(2, round((b - a) * per_metre)) for a, b in ((x_min, x_max), (bottom, top))]
-        plotter = pyvista.Plotter(off_screen=True, window_size=size)
-        try:
-            plotter.set_background("white")
-            plotter.enable_anti_aliasing("msaa", multi_samples=8)
-            raised = _RAISED * max(x_max - x_min, top - bottom) * camera.towards
-            for data, style in self.layers:
-                shown = data.translate(raised) if data.n_lines else data
-                plotter.add_mesh(shown, show_scalar_bar=False, **style)
-            depth = np.concatenate([data.points @ camera.towards for data, _ in self.layers])
-            place = np.array([(x_min + x_max) / 2.0, (bottom + top) / 2.0])
-            focus = place @ np.stack([camera.right, camera.up]) + depth.mean() * camera.towards
-            distance = 2.0 * (float(np.ptp(depth)) + x_max - x_min + top - bottom)
-            plotter.camera.focal_point = focus
-            plotter.camera.position = focus + distance * camera.towards
-            plotter.camera.up = camera.up
-            plotter.camera.parallel_projection = True
-            plotter.camera.parallel_scale = (top - bottom) / 2.0
-            plotter.renderer.ResetCameraClippingRange()
-            image: NDArray[np.uint8] = np.array(plotter.screenshot(return_img=True))[..., :3]
-        finally:
-            plotter.close()
+        longer = max(x_max - x_min, top - bottom)
+        width, height = (
+            max(2, round((b - a) * pixels / longer)) for a, b in ((x_min, x_max), (bottom, top))
+        )
+        window, renderer, values = _window(), vtkRenderer(), vtkUnsignedCharArray()
+        renderer.SetBackground(1.0, 1.0, 1.0)
+        vtkLightKit().AddLightsToRenderer(renderer)
+        for data, style in self.layers:
+            actor = _actor(data, **style)
+            if data.n_lines:
+                actor.SetPosition(_RAISED * longer * camera.towards)
+            renderer.AddActor(actor)
+        depth = np.concatenate([data.points @ camera.towards for data, _ in self.layers])
+        place = np.array([(x_min + x_max) / 2.0, (bottom + top) / 2.0])
+        focus = place @ np.stack([camera.right, camera.up]) + depth.mean() * camera.towards
+        eye = renderer.GetActiveCamera()
+        eye.SetFocalPoint(focus)
+        eye.SetPosition(focus + 2.0 * (float(np.ptp(depth)) + 2.0 * longer) * camera.towards)
+        eye.SetViewUp(camera.up)
+        eye.ParallelProjectionOn()
+        eye.SetParallelScale((top - bottom) / 2.0)
+        window.SetSize(width, height)
+        window.AddRenderer(renderer)
+        renderer.ResetCameraClippingRange()
+        window.Render()
+        window.GetPixelData(0, 0, width - 1, height - 1, 0, values, 0)
+        window.RemoveRenderer(renderer)
+        image: NDArray[np.uint8] = vtk_to_numpy(values).reshape(height, width, 3)[::-1]
         return image
+
+
+@cache
+def _window() -> Any:
+    """Return the window in which all pictures are rendered, off screen.
+
+    VTK creates renderers and actors for OpenGL only after the import in this function.
+    """
+    import vtkmodules.vtkRenderingOpenGL2
+    from vtkmodules.vtkRenderingCore import vtkRenderWindow
+
+    window = vtkRenderWindow()
+    window.SetOffScreenRendering(1)
+    window.SetMultiSamples(0)
+    return window
+
+
+def _actor(
+    data: Any,
+    *,
+    color: Any = "white",
+    opacity: float = 1.0,
+    lighting: bool = True,
+    ambient: float = 0.0,
+    diffuse: float = 1.0,
+    line_width: float = 1.0,
+    show_edges: bool = False,
+    edge_color: str = "black",
+    edge_opacity: float = 1.0,
+    cmap: Colormap | None = None,
+    clim: tuple[float, float] = (0.0, 1.0),
+    nan_color: str = "black",
+) -> Any:
+    """Return a VTK actor of a layer; with ``cmap``, its values determine the colours."""
+    from matplotlib.colors import to_rgb, to_rgba
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkCommonCore import vtkLookupTable
+    from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
+
+    mapper, actor = vtkPolyDataMapper(), vtkActor()
+    mapper.SetInputData(data)
+    mapper.SetScalarVisibility(cmap is not None)
+    if cmap is not None:
+        table = vtkLookupTable()
+        table.SetTable(numpy_to_vtk(cmap(np.linspace(0.0, 1.0, 256), bytes=True)))
+        table.SetNanColor(to_rgba(nan_color))
+        mapper.SetLookupTable(table)
+        mapper.SetScalarRange(clim)
+        mapper.InterpolateScalarsBeforeMappingOn()
+        if "value" in data.point_data:
+            mapper.SetScalarModeToUsePointFieldData()
+        else:
+            mapper.SetScalarModeToUseCellFieldData()
+        mapper.SelectColorArray("value")
+    actor.SetMapper(mapper)
+    look = actor.GetProperty()
+    look.SetColor(to_rgb(color))
+    look.SetOpacity(opacity)
+    look.SetInterpolationToFlat()
+    look.SetLighting(lighting)
+    look.SetAmbient(ambient)
+    look.SetDiffuse(diffuse)
+    look.SetLineWidth(line_width)
+    look.SetEdgeVisibility(show_edges)
+    look.SetEdgeColor(to_rgb(edge_color))
+    look.SetEdgeOpacity(edge_opacity)
+    return actor
 
 
 def polygons(points: ArrayLike, faces: Faces) -> Any:
     """Return polygons, or lines of two points, as a ``pyvista.PolyData``; points are copied."""
     pyvista = load_pyvista()
-    counted = [np.concatenate([[len(face)], face]) for face in faces]
-    cells = np.concatenate(counted) if counted else np.empty(0, dtype=np.int64)
-    kind = "lines" if counted and len(faces[0]) == 2 else "faces"
+    lengths = [len(face) for face in faces]
+    numbers = np.concatenate([np.empty(0, dtype=np.int64), *faces])
+    cells = np.insert(numbers, np.cumsum([0, *lengths[:-1]]), lengths) if lengths else numbers
+    kind = "lines" if lengths and lengths[0] == 2 else "faces"
     return pyvista.PolyData(np.array(points, dtype=np.float64), **{kind: cells.astype(np.int64)})
 
 
@@ -270,7 +349,7 @@ def draw(scene: Scene, cameras: Sequence[Camera]) -> tuple[Figure, list[Axes]]:
         ax.imshow(scene.render(camera), extent=extent, interpolation="antialiased")
         ax.set_axis_off()
         if not scene.is_plane:
-            ax.set_title(f"from {camera.side}", fontsize="small", fontstyle="italic", pad=12.0)
+            ax.set_title(f"from {camera.side}", fontsize="small", style="italic", y=1.0, pad=12.0)
         _triad(ax, camera, extent)
     return figure, axes
 
@@ -301,17 +380,15 @@ def _triad(ax: Axes, camera: Camera, extent: tuple[float, float, float, float]) 
 def write_names(ax: Axes, places: Mapping[str, Floats], colour: str) -> None:
     """Write each name above its place in the picture, with a white outline and without overlaps."""
     from matplotlib.patheffects import withStroke
-    from matplotlib.text import Annotation
-
     style: dict[str, Any] = {"fontsize": "small", "ha": "center", "va": "bottom", "color": colour}
     style["path_effects"] = [withStroke(linewidth=2.0, foreground="white")]
-    written: list[Annotation] = []
+    written: list[Bbox] = []
     for name, place in places.items():
         x, y = _pair(place)
         note = ax.annotate(name, (x, y), xytext=(0, 3), textcoords="offset points", **style)
-        while any(note.get_window_extent().overlaps(w.get_window_extent()) for w in written):
+        while any(note.get_window_extent().overlaps(other) for other in written):
             note.xyann = (0, note.xyann[1] + 4)
-        written.append(note)
+        written.append(note.get_window_extent())
 
 
 def colour_bar(

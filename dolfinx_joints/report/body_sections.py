@@ -31,6 +31,7 @@ from dolfinx_joints.results.joint_points import gaps
 from dolfinx_joints.results.reader import Results
 
 MOMENTS = 40
+_BLOCK = 2**21  # numbers that are read at once: 16 MB
 _CONTROLS = (
     '<div class="controls"><label>Run <select name="run">{options}</select></label>'
     '<label>Time <input type="range" name="time" min="0" max="0" value="0"/></label>'
@@ -136,8 +137,9 @@ def scene(run: Run) -> dict[str, Any]:
     used, surface = np.unique(results.static("mesh/surface"), return_inverse=True)
     surface = surface.reshape(results.static("mesh/surface").shape)
     nodes = results.static("mesh/nodes")[used]
-    sizes, openings = _extremes(results, used)
-    start, widest = int(np.argmax(sizes)), int(np.argmax(openings))
+    sizes, openings = _sizes(results, used), _openings(results)
+    largest = openings.max(axis=1, initial=0.0)
+    start, widest = int(np.argmax(sizes)), int(np.argmax(largest))
     rows = len(sizes)
     moments = np.unique([*np.linspace(0, rows - 1, min(rows, MOMENTS)).astype(int), start, widest])
     body, _ = _triangles(surface, np.arange(len(surface)))
@@ -149,11 +151,11 @@ def scene(run: Run) -> dict[str, Any]:
         "corners": surface.shape[1],
         "triangles": body,
         "joints": {**faces, "cells": integers(cells)},
-        "frames": [_frame(results, used, int(number)) for number in moments],
+        "frames": [_frame(results, used, int(row), openings[row]) for row in moments],
         "start": int(np.searchsorted(moments, start)),
         "scale": round_scale(nodes, float(sizes.max())),
         "largest": 1e3 * float(sizes.max()) or 1.0,
-        "widest": 1e3 * float(openings.max()) or 1.0,
+        "widest": 1e3 * float(largest.max()) or 1.0,
         "records": rows,
         "colours": _colour_scale(),
     }
@@ -167,38 +169,38 @@ def _colour_scale() -> list[list[Any]]:
     return [[place, to_hex(colours()(place))] for place in places]
 
 
-def _frame(results: Results, used: Ints, number: int) -> dict[str, Any]:
+def _frame(results: Results, used: Ints, number: int, opening: Floats) -> dict[str, Any]:
     """Return displacements of boundary vertices [m] and openings of joint facets [mm]."""
-    displacement = nodal_displacement(results, number)[0][used]
-    openings = [_opening(results, joint, number) for joint in results.joints]
     return {
         "time": float(results.time("states")[number]),
-        "displacement": floats(displacement),
-        "opening": floats(1e3 * np.concatenate(openings) if openings else []),
+        "displacement": floats(nodal_displacement(results, number)[0][used]),
+        "opening": floats(1e3 * opening),
     }
 
 
-def _extremes(results: Results, used: Ints) -> tuple[Floats, Floats]:
-    """Return each record's largest displacement and opening [m]; read one record at a time."""
+def _sizes(results: Results, used: Ints) -> Floats:
+    """Return the largest displacement of each record, shape (records,), [m]; read in blocks."""
     rows = results.rows("states")
-    sizes, openings = np.zeros(rows), np.zeros(rows)
-    for number in range(rows):
-        displacement = nodal_displacement(results, number)[0][used]
-        sizes[number] = np.linalg.norm(displacement, axis=1).max(initial=0.0)
-        openings[number] = max(
-            (_opening(results, joint, number).max(initial=0.0) for joint in results.joints),
-            default=0.0,
-        )
-    return sizes, openings
+    count = max(1, _BLOCK // results.static("mesh/nodes").size)
+    blocks = [slice(first, first + count) for first in range(0, rows, count)]
+    moved = (nodal_displacement(results, block)[0][:, used] for block in blocks)
+    sizes = [np.linalg.norm(u, axis=-1).max(axis=-1, initial=0.0) for u in moved]
+    return np.concatenate([np.zeros(0), *sizes])
 
 
-def _opening(results: Results, joint: str, number: int) -> Floats:
-    """Return the largest opening of the points of each facet of a joint [m], 0 if closed."""
-    gap = gaps(results, "states", joint, number)[:, 0]
-    _, facet = np.unique(results.static(f"joints/{joint}/facet"), return_inverse=True)
-    largest = np.zeros(facet.max(initial=-1) + 1)
-    np.maximum.at(largest, facet, gap)
-    return largest
+def _openings(results: Results) -> Floats:
+    """Return the largest opening of the points of each joint facet, 0 if closed.
+
+    The shape is (records, facets of all joints), [m].
+    """
+    openings = [np.zeros((results.rows("states"), 0))]
+    for joint in results.joints:
+        gap = gaps(results, "states", joint)[..., 0]
+        _, facet = np.unique(results.static(f"joints/{joint}/facet"), return_inverse=True)
+        order = np.argsort(facet, kind="stable")
+        starts = np.searchsorted(facet[order], np.arange(facet.max(initial=-1) + 1))
+        openings.append(np.maximum(np.maximum.reduceat(gap[:, order], starts, axis=1), 0.0))
+    return np.concatenate(openings, axis=1)
 
 
 def _joint_faces(results: Results, surface: Ints) -> tuple[dict[str, dict[str, str]], Ints]:

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.postprocessing import measures, plots
+from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.postprocessing.joints.extremes import drawn_series, joint_extremes
+from dolfinx_joints.postprocessing.joints.maps import JointMaps
 from dolfinx_joints.report.page import (
     Curve,
     Html,
@@ -124,9 +125,9 @@ def _maps(content: Content, run: Run) -> list[Html]:
     ]
     if "status" not in {n.split("/")[-1] for n in run.results.streams["states"]}:
         drawn.pop()
-    shown = []
+    shown, maps = [], JointMaps(run.results)
     for name, quantity, at, words in drawn:
-        picture = plots.joint_maps(run.results, quantity, time=at)
+        picture = maps.draw(quantity, time=at)
         recorded = run.results.time("states")[run.results.nearest("states", at)]
         shown.append(_map(content, name, picture, f"{words}, {run.label} at t = {recorded:.3f} s."))
     return [*shown[:3], details("Further maps", shown[3:])]
@@ -141,9 +142,9 @@ def _of_last_stage(content: Content) -> list[Html]:
     area = _area(run)
     if run.plane:
         return [tables, area, paragraph(_PLANE)]
-    shown = []
+    shown, maps = [], JointMaps(run.results)
     for name, quantity, words in _OF_STAGE:
-        picture = plots.joint_maps(run.results, quantity, stage=-1)
+        picture = maps.draw(quantity, stage=-1)
         caption = f"{words}, {run.label} after {run.results.stage_names[-1]}."
         shown.append(_map(content, name, picture, caption))
     return [tables, area, *shown[:2], details("Further maps", shown[2:])]

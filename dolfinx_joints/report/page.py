@@ -307,7 +307,7 @@ def _plotly() -> tuple[str, list[str]]:
     from plotly.offline import get_plotlyjs
 
     source: str = get_plotlyjs()
-    packed = gzip.compress(source.encode(), compresslevel=9, mtime=0)
+    packed = gzip.compress(source.encode(), compresslevel=5, mtime=0)
     return base64.b64encode(packed).decode(), [_hash(source)]
 
 

@@ -161,7 +161,8 @@ def largest_moment(run: Run) -> tuple[float, str]:
         return float(moments[-1]), "the last record"
     u = results.series("histories", "displacement")[:, 0]
     u = u - reference_displacement(results, run.relative_to)
-    rows = [results.nearest("histories", time) for time in moments]
+    times = results.time("histories")
+    rows = [int(np.argmin(np.abs(times - moment))) for moment in moments]
     largest = int(np.argmax(np.linalg.norm(u[rows] - u[0], axis=1)))
     words = f"the largest displacement of {results.point_names[0]} from the static state"
     return float(moments[largest]), f"{words} among the recorded states"

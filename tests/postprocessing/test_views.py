@@ -137,7 +137,7 @@ def test_pictures_say_from_where_they_are_taken(results: Results, scenes) -> Non
 def test_a_square_is_where_its_extent_says() -> None:
     scene = rendering.Scene()
     square = np.array([[0.0, 0, 0], [0, 2, 0], [0, 2, 1], [0, 0, 1]])
-    scene.surface(square, [[0, 1, 2, 3]], color=(178, 24, 43), lighting=False)
+    scene.surface(square, [[0, 1, 2, 3]], color="#b2182b", lighting=False)
     camera = rendering.Camera(0.0, 0.0)
     left, right, bottom, top = scene.extent(camera)
     np.testing.assert_allclose([left, right, bottom, top], [-0.04, 2.04, -0.04, 1.04])

@@ -380,6 +380,7 @@ def _triad(ax: Axes, camera: Camera, extent: tuple[float, float, float, float]) 
 def write_names(ax: Axes, places: Mapping[str, Floats], colour: str) -> None:
     """Write each name above its place in the picture, with a white outline and without overlaps."""
     from matplotlib.patheffects import withStroke
+
     style: dict[str, Any] = {"fontsize": "small", "ha": "center", "va": "bottom", "color": colour}
     style["path_effects"] = [withStroke(linewidth=2.0, foreground="white")]
     written: list[Bbox] = []

@@ -30,8 +30,8 @@ from dolfinx_joints.results.quantities import JointPoints
 from dolfinx_joints.results.writer import ResultsWriter
 
 # Rows of the sums over the points of a joint, by attribute of `JointResultants`.
-_COLUMNS = {"force": slice(0, 3), "moment": slice(3, 6), "contact": 6, "compression": 7}
-_COLUMNS |= {"shear_sum": 8, "bond": 9}
+_COLUMNS: dict[str, Any] = {"force": slice(0, 3), "moment": slice(3, 6), "contact": 6}
+_COLUMNS |= {"compression": 7, "shear_sum": 8, "bond": 9}
 _WATER = {"water_force": slice(10, 13), "water_moment": slice(13, 16)}
 
 
@@ -266,7 +266,7 @@ class ResultantsStream:
 
     def values(self, points: JointPoints, pressure: Floats | None) -> dict[str, Floats]:
         """Return the values of steps by name from arrays (steps, n, ...) of points (collective)."""
-        of_joints, values = self._joints.values(points, pressure), {}
+        of_joints, values = self._joints.values(points, pressure), dict[str, Floats]()
         for i, name in enumerate(self._joints.names):
             parts = ["force", "moment", "contact"]
             parts += ["water_force", "water_moment"] if name in self._wet else []

@@ -206,18 +206,19 @@ class Blocks:
         owned = block[: model.V.dofmap.index_map.size_local]
         count = int(max(comm.allgather(int(owned.max(initial=-1))))) + 1
         self.mass, self.centre = _masses(model, owned, count)
-        self._number: Ints = self.sides.T.ravel()
-        sign = np.array([-1.0, 1.0]).repeat(len(self.sides))
-        self._of_blocks = _sums_of_groups(self._number, count, sign)
+        signs = np.ones(self.sides.T.shape) * [[-1.0], [1.0]]
+        self._sides = [
+            (_sums_of_groups(number, count, sign), self._operator.points - self.centre[number])
+            for number, sign in zip(self.sides.T, signs, strict=True)
+        ]
 
     def __call__(self, force: Floats) -> Floats:
         """Return forces and moments on each block, shape (..., blocks, 6), [N, N m] (collective).
 
         ``force`` acts on the + side of the local joint points, shape (..., n, 3), [N].
         """
-        arms = np.tile(self._operator.points, (2, 1)) - self.centre[self._number]
-        both = np.concatenate([force, force], axis=-2)
-        sums = summed(self._operator.comm, self._of_blocks(_with_moments(both, arms)))
+        minus, plus = (sums(_with_moments(force, arms)) for sums, arms in self._sides)
+        sums = summed(self._operator.comm, minus + plus)
         return np.moveaxis(sums, 0, -1)
 
 

@@ -30,8 +30,8 @@ from dolfinx_joints.results.quantities import JointPoints
 from dolfinx_joints.results.writer import ResultsWriter
 
 # Rows of the sums over the points of a joint, by attribute of `JointResultants`.
-_COLUMNS = {"force": slice(0, 3), "moment": slice(3, 6), "contact": 6, "compression": 7}
-_COLUMNS |= {"shear_sum": 8, "bond": 9}
+_COLUMNS: dict[str, Any] = {"force": slice(0, 3), "moment": slice(3, 6), "contact": 6}
+_COLUMNS |= {"compression": 7, "shear_sum": 8, "bond": 9}
 _WATER = {"water_force": slice(10, 13), "water_moment": slice(13, 16)}
 
 
@@ -206,18 +206,19 @@ class Blocks:
         owned = block[: model.V.dofmap.index_map.size_local]
         count = int(max(comm.allgather(int(owned.max(initial=-1))))) + 1
         self.mass, self.centre = _masses(model, owned, count)
-        self._number: Ints = self.sides.T.ravel()
-        sign = np.array([-1.0, 1.0]).repeat(len(self.sides))
-        self._of_blocks = _sums_of_groups(self._number, count, sign)
+        signs = np.ones(self.sides.T.shape) * [[-1.0], [1.0]]
+        self._sides = [
+            (_sums_of_groups(number, count, sign), self._operator.points - self.centre[number])
+            for number, sign in zip(self.sides.T, signs, strict=True)
+        ]
 
     def __call__(self, force: Floats) -> Floats:
         """Return forces and moments on each block, shape (..., blocks, 6), [N, N m] (collective).
 
         ``force`` acts on the + side of the local joint points, shape (..., n, 3), [N].
         """
-        arms = np.tile(self._operator.points, (2, 1)) - self.centre[self._number]
-        both = np.concatenate([force, force], axis=-2)
-        sums = summed(self._operator.comm, self._of_blocks(_with_moments(both, arms)))
+        minus, plus = (sums(_with_moments(force, arms)) for sums, arms in self._sides)
+        sums = summed(self._operator.comm, minus + plus)
         return np.moveaxis(sums, 0, -1)
 
 
@@ -266,7 +267,7 @@ class ResultantsStream:
 
     def values(self, points: JointPoints, pressure: Floats | None) -> dict[str, Floats]:
         """Return the values of steps by name from arrays (steps, n, ...) of points (collective)."""
-        of_joints, values = self._joints.values(points, pressure), {}
+        of_joints, values = self._joints.values(points, pressure), dict[str, Floats]()
         for i, name in enumerate(self._joints.names):
             parts = ["force", "moment", "contact"]
             parts += ["water_force", "water_moment"] if name in self._wet else []

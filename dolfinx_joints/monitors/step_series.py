@@ -65,7 +65,7 @@ class StepSeries:
         if record.reservoir_force is not None:
             ground["reservoir_force"] = record.reservoir_force
         contact, joints, solve = self._model.contact, record.joints, record.solve
-        counts, parts, pressure = solve.counts if solve else None, (), None
+        counts, parts, pressure = solve.counts if solve else None, tuple[Floats, ...](), None
         if self._extremes is not None and joints is not None and contact is not None:
             cohesion = self._extremes.forces.cohesion(joints)
             parts = (joints.state.gap.copy(), joints.traction.copy(), cohesion)

@@ -74,7 +74,6 @@ class Results(Summarised):
         self._opened = _open(self.path)
         self._names: dict[str, list[str]] = {}  # by group
         self._rows: dict[str, int] = {}  # by group, only after the run has ended
-        self._streams: dict[str, h5py.Group] = {}  # by name
 
     def __enter__(self) -> Self:
         return self
@@ -148,14 +147,14 @@ class Results(Summarised):
     @property
     def statics(self) -> list[str]:
         """Names of the arrays written once."""
-        return self._names_in("/static")
+        return self._names_in(self._file["static"])
 
     @property
     def streams(self) -> dict[str, list[str]]:
         """Names of the series of each stream, without ``time``."""
+        groups = self._file["streams"]
         with self._reading():
-            groups = self._groups().items()
-            return {key: [n for n in self._names_in(g.name) if n != "time"] for key, g in groups}
+            return {key: [n for n in self._names_in(groups[key]) if n != "time"] for key in groups}
 
     @property
     def joints(self) -> list[str]:
@@ -257,7 +256,7 @@ class Results(Summarised):
     def _count(self, group: h5py.Group) -> int:
         block = 1
         with self._reading():
-            rows = min(len(group[name]) for name in self._names_in(group.name))
+            rows = min(len(group[name]) for name in self._names_in(group))
             while rows:  # the last rows may exist without a time
                 first = max(0, rows - block)
                 complete = np.flatnonzero(~np.isnan(group["time"][first:rows]))
@@ -307,16 +306,15 @@ class Results(Summarised):
         """Return the description of an array (name) or of a series (stream and name)."""
         return self._text("description", where)
 
-    def _names_in(self, group: str) -> list[str]:
+    def _names_in(self, group: h5py.Group) -> list[str]:
         """Return the names of the datasets in a group; they are fixed once the run has started."""
-        file = self._file
-        if group not in self._names:
+        if group.name not in self._names:
             paths: list[str] = []
-            file[group].visititems(
+            group.visititems(
                 lambda name, item: paths.append(name) if isinstance(item, h5py.Dataset) else None
             )
-            self._names[group] = paths
-        return self._names[group]
+            self._names[group.name] = paths
+        return self._names[group.name]
 
     def _reading(self) -> AbstractContextManager[None]:
         return damage_reported(self.path, ResultsError)
@@ -331,25 +329,17 @@ class Results(Summarised):
             raise ResultsError(
                 f"No array {shown(name)} in {self.path}; it has {listing(self.statics)}."
             )
-        return self._file[f"static/{name}"]
+        return self._file["static"][name]
 
     def _stream(self, stream: str) -> h5py.Group:
-        groups = self._groups()
-        if stream not in groups:
-            known = listing(groups)
-            raise ResultsError(f"No stream {shown(stream)} in {self.path}; it has {known}.")
-        return groups[stream]
-
-    def _groups(self) -> dict[str, h5py.Group]:
-        """Return the streams by name; they are fixed once the run has started."""
-        file = self._file
-        if not self._streams:
-            self._streams.update(file["streams"])
-        return self._streams
+        if stream not in list(self._file["streams"]):
+            streams = listing(self._file["streams"])
+            raise ResultsError(f"No stream {shown(stream)} in {self.path}; it has {streams}.")
+        return self._file["streams"][stream]
 
     def _series(self, stream: str, name: str) -> h5py.Dataset:
         group = self._stream(stream)
-        if name not in self._names_in(group.name):
+        if name not in self._names_in(group):
             raise ResultsError(
                 f"No series {shown(name)} in the stream {stream!r} of {self.path}; "
                 f"it has {listing(self.streams[stream])}."

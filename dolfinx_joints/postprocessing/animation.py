@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.progress import Progress
-from dolfinx_joints.postprocessing.axes import new_figure
+from dolfinx_joints.postprocessing.axes import new_figure, pixels
 from dolfinx_joints.postprocessing.body import Body, Deformed
 from dolfinx_joints.postprocessing.frames import nodal_displacement
 from dolfinx_joints.postprocessing.rendering import round_scale
@@ -87,7 +87,7 @@ def animate(
     for k, (_, frame) in states.items():
         title = f"t = {times[k]:.3f} s, displacements x {factor:g}"
         figure = bodies[k].draw([camera], frame, title, limits=limits, room=room)
-        pictures.append(_pixels(figure))
+        pictures.append(pixels(figure, _DPI)[..., :3])
         progress.advance()
     _write(pictures, writer, place)
     progress.finish()
@@ -104,16 +104,6 @@ def _writer(place: Path, per_second: int) -> Any:
     if shutil.which("ffmpeg") is None:
         raise JointsError("MP4 needs the program ffmpeg; install it, or write a .gif.")
     return FFMpegWriter(fps=per_second)
-
-
-def _pixels(figure: Any) -> Pixels:
-    """Return red, green and blue of a figure, shape (height, width, 3)."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    figure.set_dpi(_DPI)
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def _write(pictures: list[Pixels], writer: Any, place: Path) -> None:

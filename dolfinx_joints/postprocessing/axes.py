@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import annotated_types as at
+import numpy as np
+from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.motions.spectra import DampingRatio as DampingRatio
@@ -44,6 +46,17 @@ def new_figure(**options: Any) -> Figure:
     figure: Figure = _shown_classes()[0](**options)
     FigureCanvasAgg(figure)  # measures texts at once; the usual canvas prepares a file for each
     return figure
+
+
+def pixels(figure: Figure, dpi: float) -> NDArray[np.uint8]:
+    """Draw a figure once; return red, green, blue and opacity, shape (height, width, 4)."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    usual, figure.dpi = figure.dpi, dpi
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    figure.dpi = usual
+    return np.asarray(canvas.buffer_rgba())
 
 
 @cache

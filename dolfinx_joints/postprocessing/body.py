@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MESH: dict[str, Any] = {"show_edges": True, "edge_color": "#8c8c8c", "edge_opacity": 0.35}
+MESH: dict[str, Any] = {"edge_visibility": True, "edge_color": "#8c8c8c", "edge_opacity": 0.35}
 OUTLINE: dict[str, Any] = {"color": "#737373", "line_width": 3.0}
 VTK_TRIANGLES = (5, 22, 69)  # VTK's linear, quadratic and Lagrange triangle
 _JOINT_LINE = 4.0  # width of the sides of a joint in a plane model

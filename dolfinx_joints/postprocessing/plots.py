@@ -46,6 +46,7 @@ from dolfinx_joints.postprocessing.axes import (
     legend,
     new_axes,
     new_figure,
+    pixels,
     plain_periods,
     runs,
 )
@@ -58,7 +59,7 @@ from dolfinx_joints.postprocessing.frames import (
     has_ground_motion,
 )
 from dolfinx_joints.postprocessing.joints.extremes import drawn_series
-from dolfinx_joints.postprocessing.joints.maps import TIED_STYLE, colour, draw_patches
+from dolfinx_joints.postprocessing.joints.maps import TIED_STYLE, draw_map
 from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
 from dolfinx_joints.postprocessing.joints.panels import joint_panels as joint_panels
 from dolfinx_joints.postprocessing.joints.profiles import joint_profiles as joint_profiles
@@ -95,33 +96,22 @@ def save(
     Raises:
         JointsError: The file cannot be written.
     """
+    from PIL import Image
+
     place = Path(path)
     try:
         with replacing(place) as part:
+            # savefig draws twice; a figure in a window keeps its canvas
             if place.suffix == ".png" and figure.figure.canvas.manager is None:
-                _save_png(figure.figure, part, dpi)
+                image = Image.fromarray(pixels(figure.figure, dpi))
+                opaque = image.getchannel("A").getextrema() == (255, 255)
+                image = image.convert("RGB" if opaque else "RGBA")
+                image.save(part, "png", compress_level=3, dpi=(dpi, dpi))
             else:
                 figure.figure.savefig(part, dpi=dpi, format=place.suffix[1:])
     except OSError as error:
         raise JointsError(f"The figure {place} cannot be written: {error.strerror}.") from None
     return place
-
-
-def _save_png(figure: Figure, place: Path, dpi: float) -> None:
-    """Draw a figure without a window once, and write it; ``savefig`` draws twice."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from PIL import Image
-
-    canvas, usual = figure.canvas, figure.dpi
-    if not isinstance(canvas, FigureCanvasAgg):
-        canvas = FigureCanvasAgg(figure)
-    figure.dpi = dpi
-    canvas.draw()
-    figure.dpi = usual
-    image = Image.fromarray(np.asarray(canvas.buffer_rgba()))
-    if image.getchannel("A").getextrema() == (255, 255):  # opaque
-        image = image.convert("RGB")
-    image.save(place, "png", compress_level=3, dpi=(dpi, dpi))
 
 
 @checked
@@ -269,8 +259,7 @@ def joint_traction(
     surface = JointSurface(results, joint)
     ax = ax or new_axes(width=4.6, height=5.6)
     values = map_value(results, joint, quantity, number)
-    patches = draw_patches(ax, surface)
-    colour(patches, values[~surface.tied], quantity, colour_limits(values))
+    patches = draw_map(ax, surface, values, quantity, colour_limits(values))
     ax.set_aspect("equal", adjustable="datalim")  # keeps room for labels at narrow joints
     ax.set_title(f"{joint} {moment}", fontsize="medium")
     colour_bar = ax.figure.colorbar(patches, ax=ax, shrink=0.85)

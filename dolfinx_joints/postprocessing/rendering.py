@@ -7,7 +7,6 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Mapping, Sequence
-from functools import cache
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
-    from matplotlib.transforms import Bbox
 
 Faces = Sequence[Sequence[int]] | Sequence[Ints] | Ints
 
@@ -80,6 +78,8 @@ class Scene:
         layers: Layers in the order of drawing, each a ``pyvista.PolyData`` with its drawing
             options.
     """
+
+    _window: Any = None  # of all scenes
 
     def __init__(self, room: Floats | None = None) -> None:
         self._framed = [] if room is None else [room]
@@ -177,116 +177,62 @@ class Scene:
             Red, green and blue, shape (height, width, 3), from the top left.
         """
         load_pyvista()
-        from vtkmodules.util.numpy_support import vtk_to_numpy
         from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
-        from vtkmodules.vtkRenderingCore import vtkLightKit, vtkRenderer
+        from vtkmodules.vtkRenderingCore import vtkLightKit, vtkRenderer, vtkRenderWindow
 
+        # Pixels are averaged when the figure is drawn, so take one sample of each.
+        kept = Scene._window or vtkRenderWindow(off_screen_rendering=True, multi_samples=0)
+        Scene._window = window = kept
         x_min, x_max, bottom, top = self.extent(camera)
-        longer = max(x_max - x_min, top - bottom)
-        width, height = (
-            max(2, round((b - a) * pixels / longer)) for a, b in ((x_min, x_max), (bottom, top))
-        )
-        window, renderer, values = _window(), vtkRenderer(), vtkUnsignedCharArray()
-        renderer.SetBackground(1.0, 1.0, 1.0)
+        sides = (x_max - x_min, top - bottom)
+        width, height = (max(2, round(side * pixels / max(sides))) for side in sides)
+        renderer, values = vtkRenderer(background=(1.0, 1.0, 1.0)), vtkUnsignedCharArray()
         vtkLightKit().AddLightsToRenderer(renderer)
         for data, style in self.layers:
-            actor = _actor(data, **style)
-            if data.n_lines:
-                actor.SetPosition(_RAISED * longer * camera.towards)
-            renderer.AddActor(actor)
+            raised = _RAISED * max(sides) * camera.towards if data.n_lines else (0.0, 0.0, 0.0)
+            renderer.AddActor(_actor(data, raised, **style))
         depth = np.concatenate([data.points @ camera.towards for data, _ in self.layers])
         place = np.array([(x_min + x_max) / 2.0, (bottom + top) / 2.0])
         focus = place @ np.stack([camera.right, camera.up]) + depth.mean() * camera.towards
         eye = renderer.GetActiveCamera()
-        eye.SetFocalPoint(focus)
-        eye.SetPosition(focus + 2.0 * (float(np.ptp(depth)) + 2.0 * longer) * camera.towards)
-        eye.SetViewUp(camera.up)
-        eye.ParallelProjectionOn()
-        eye.SetParallelScale((top - bottom) / 2.0)
+        eye.focal_point, eye.view_up = focus, camera.up
+        eye.position = focus + 2.0 * (float(np.ptp(depth)) + sum(sides)) * camera.towards
+        eye.parallel_projection, eye.parallel_scale = True, (top - bottom) / 2.0
         window.SetSize(width, height)
         window.AddRenderer(renderer)
         renderer.ResetCameraClippingRange()
         window.Render()
         window.GetPixelData(0, 0, width - 1, height - 1, 0, values, 0)
         window.RemoveRenderer(renderer)
-        image: NDArray[np.uint8] = vtk_to_numpy(values).reshape(height, width, 3)[::-1]
-        return image
+        return np.frombuffer(values, np.uint8).reshape(height, width, 3)[::-1]
 
 
-@cache
-def _window() -> Any:
-    """Return the window in which all pictures are rendered, off screen.
-
-    VTK creates renderers and actors for OpenGL only after the import in this function.
-    """
-    import vtkmodules.vtkRenderingOpenGL2
-    from vtkmodules.vtkRenderingCore import vtkRenderWindow
-
-    window = vtkRenderWindow()
-    window.SetOffScreenRendering(1)
-    window.SetMultiSamples(0)
-    return window
-
-
-def _actor(
-    data: Any,
-    *,
-    color: Any = "white",
-    opacity: float = 1.0,
-    lighting: bool = True,
-    ambient: float = 0.0,
-    diffuse: float = 1.0,
-    line_width: float = 1.0,
-    show_edges: bool = False,
-    edge_color: str = "black",
-    edge_opacity: float = 1.0,
-    cmap: Colormap | None = None,
-    clim: tuple[float, float] = (0.0, 1.0),
-    nan_color: str = "black",
-) -> Any:
-    """Return a VTK actor of a layer; with ``cmap``, its values determine the colours."""
+def _actor(data: Any, place: Any, cmap: Any = None, clim: Any = (0.0, 1.0), **look: Any) -> Any:
+    """Return a layer for VTK, with ``look`` of a ``vtkProperty``; ``cmap`` colours its values."""
     from matplotlib.colors import to_rgb, to_rgba
-    from vtkmodules.util.numpy_support import numpy_to_vtk
     from vtkmodules.vtkCommonCore import vtkLookupTable
     from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
 
-    mapper, actor = vtkPolyDataMapper(), vtkActor()
+    nan_color = to_rgba(look.pop("nan_color", "black"))
+    mapper = vtkPolyDataMapper(scalar_visibility=cmap is not None, scalar_range=clim)
     mapper.SetInputData(data)
-    mapper.SetScalarVisibility(cmap is not None)
+    mapper.InterpolateScalarsBeforeMappingOn()
     if cmap is not None:
-        table = vtkLookupTable()
-        table.SetTable(numpy_to_vtk(cmap(np.linspace(0.0, 1.0, 256), bytes=True)))
-        table.SetNanColor(to_rgba(nan_color))
-        mapper.SetLookupTable(table)
-        mapper.SetScalarRange(clim)
-        mapper.InterpolateScalarsBeforeMappingOn()
-        if "value" in data.point_data:
-            mapper.SetScalarModeToUsePointFieldData()
-        else:
-            mapper.SetScalarModeToUseCellFieldData()
-        mapper.SelectColorArray("value")
-    actor.SetMapper(mapper)
-    look = actor.GetProperty()
-    look.SetColor(to_rgb(color))
-    look.SetOpacity(opacity)
-    look.SetInterpolationToFlat()
-    look.SetLighting(lighting)
-    look.SetAmbient(ambient)
-    look.SetDiffuse(diffuse)
-    look.SetLineWidth(line_width)
-    look.SetEdgeVisibility(show_edges)
-    look.SetEdgeColor(to_rgb(edge_color))
-    look.SetEdgeOpacity(edge_opacity)
+        mapper.lookup_table = vtkLookupTable(nan_color=nan_color, number_of_table_values=256)
+        for number, shade in enumerate(cmap(np.linspace(0.0, 1.0, 256))):
+            mapper.lookup_table.SetTableValue(number, shade)
+    actor = vtkActor(mapper=mapper, position=place)
+    for name, value in look.items():
+        setattr(actor.property, name, to_rgb(value) if name.endswith("color") else value)
     return actor
 
 
 def polygons(points: ArrayLike, faces: Faces) -> Any:
     """Return polygons, or lines of two points, as a ``pyvista.PolyData``; points are copied."""
     pyvista = load_pyvista()
-    lengths = [len(face) for face in faces]
-    numbers = np.concatenate([np.empty(0, dtype=np.int64), *faces])
-    cells = np.insert(numbers, np.cumsum([0, *lengths[:-1]]), lengths) if lengths else numbers
-    kind = "lines" if lengths and lengths[0] == 2 else "faces"
+    counted = [np.concatenate([[len(face)], face]) for face in faces]
+    cells = np.concatenate(counted) if counted else np.empty(0, dtype=np.int64)
+    kind = "lines" if counted and len(faces[0]) == 2 else "faces"
     return pyvista.PolyData(np.array(points, dtype=np.float64), **{kind: cells.astype(np.int64)})
 
 
@@ -298,7 +244,7 @@ def load_pyvista() -> Any:
     """
     try:
         import pyvista
-        import vtkmodules
+        import vtkmodules.vtkRenderingOpenGL2  # selects the kind of window
     except ImportError as error:
         raise JointsError(
             f"3-D pictures need pyvista and VTK 9.5 or later ({error}); install them in the "
@@ -383,7 +329,7 @@ def write_names(ax: Axes, places: Mapping[str, Floats], colour: str) -> None:
 
     style: dict[str, Any] = {"fontsize": "small", "ha": "center", "va": "bottom", "color": colour}
     style["path_effects"] = [withStroke(linewidth=2.0, foreground="white")]
-    written: list[Bbox] = []
+    written: list[Any] = []
     for name, place in places.items():
         x, y = _pair(place)
         note = ax.annotate(name, (x, y), xytext=(0, 3), textcoords="offset points", **style)

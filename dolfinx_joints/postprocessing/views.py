@@ -92,13 +92,9 @@ def mesh(
     body = Body(results, groups)
     nodes, cameras = body.nodes, body.cameras(azimuths_deg, elevation_deg)
     scene = Scene()
-    shade: dict[str, Any] = {
-        "ambient": 0.45,
-        "diffuse": 0.6,
-        "show_edges": True,
-        "edge_color": _LINE,
-    }
-    scene.surface(nodes, body.shown, color=CONCRETE, line_width=2.0, **shade)
+    shade: dict[str, Any] = {"color": CONCRETE, "ambient": 0.45, "diffuse": 0.6}
+    shade |= {"edge_visibility": True, "edge_color": _LINE}
+    scene.surface(nodes, body.shown, **shade)
     body.draw_translucent(scene, nodes)
     radius = 2.5e-3 * size_of(nodes[body.seen])
     for joint in () if body.plane else results.joints:
@@ -200,7 +196,7 @@ def joint_map(
         if turned and joint_surface.axes[1, 2] >= _UPRIGHT:
             points = _face_viewer(points, joint_surface.axes, camera)
             note = "\neach upright joint rotated in its place to show its face"
-        edges: dict[str, Any] = {"show_edges": True, "edge_color": "#b3b3b3"}
+        edges: dict[str, Any] = {"edge_visibility": True, "edge_color": "#b3b3b3"}
         free = ~tied[name]
         by_value: dict[str, Any] = {"of_faces": of_points[free], "clim": limits, "cmap": cmap}
         plain: dict[str, Any] = {"color": TIED, "lighting": False}

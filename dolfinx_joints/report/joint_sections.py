@@ -127,7 +127,7 @@ def _maps(content: Content, run: Run) -> list[Html]:
         drawn.pop()
     shown, maps = [], JointMaps(run.results)
     for name, quantity, at, words in drawn:
-        picture = maps.draw(quantity, time=at)
+        picture = maps.draw(quantity, at)
         recorded = run.results.time("states")[run.results.nearest("states", at)]
         shown.append(_map(content, name, picture, f"{words}, {run.label} at t = {recorded:.3f} s."))
     return [*shown[:3], details("Further maps", shown[3:])]
@@ -144,7 +144,7 @@ def _of_last_stage(content: Content) -> list[Html]:
         return [tables, area, paragraph(_PLANE)]
     shown, maps = [], JointMaps(run.results)
     for name, quantity, words in _OF_STAGE:
-        picture = maps.draw(quantity, stage=-1)
+        picture = maps.draw(quantity, None, stage=-1)
         caption = f"{words}, {run.label} after {run.results.stage_names[-1]}."
         shown.append(_map(content, name, picture, caption))
     return [tables, area, *shown[:2], details("Further maps", shown[2:])]

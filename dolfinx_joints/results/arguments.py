@@ -46,7 +46,6 @@ class StageStates(Results):
     def __init__(self, results: Results) -> None:
         self.path, self._opened = results.path, results._opened
         self._names, self._rows = results._names, results._rows
-        self._streams = results._streams
 
     @property
     def relative(self) -> bool:

@@ -74,7 +74,6 @@ class Results(Summarised):
         self._opened = _open(self.path)
         self._names: dict[str, list[str]] = {}  # by group
         self._rows: dict[str, int] = {}  # by group, only after the run has ended
-        self._streams: dict[str, h5py.Group] = {}  # by name
 
     def __enter__(self) -> Self:
         return self
@@ -335,13 +334,10 @@ class Results(Summarised):
         return self._file["static"][name]
 
     def _stream(self, stream: str) -> h5py.Group:
-        groups = self._file["streams"]
-        if stream not in self._streams:
-            if stream not in list(groups):
-                known = listing(groups)
-                raise ResultsError(f"No stream {shown(stream)} in {self.path}; it has {known}.")
-            self._streams[stream] = groups[stream]
-        return self._streams[stream]
+        if stream not in list(self._file["streams"]):
+            streams = listing(self._file["streams"])
+            raise ResultsError(f"No stream {shown(stream)} in {self.path}; it has {streams}.")
+        return self._file["streams"][stream]
 
     def _series(self, stream: str, name: str) -> h5py.Dataset:
         group = self._stream(stream)

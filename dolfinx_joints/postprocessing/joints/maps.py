@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,6 +36,7 @@ _WIDTH, _LEFT, _RIGHT = 10.0, 0.75, 0.15
 _GAP, _TITLE, _BELOW = 0.35, 0.3, 0.7
 _BAR, _HIGHEST = 0.85, 4.2
 _IN_A_ROW = 6
+Limits = tuple[float, float]  # of the colours
 
 TIED_STYLE: dict[str, Any] = {"facecolor": TIED, "edgecolor": GREY, "hatch": "////", "linewidth": 0}
 
@@ -60,20 +60,11 @@ def joint_maps(
     static ``stage`` of this name or number. In maps of tractions open points are black. The slip is
     the tangential gap. Tied points, at the end of a joint inside a body, are hatched.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    figure = JointMaps(results, joints).draw(quantity, time=time, index=index, stage=stage)
-    FigureCanvasAgg(figure)  # so that changes of the panels are drawn
-    return figure
+    return JointMaps(results, joints).draw(quantity, time, index, stage)
 
 
 class JointMaps:
-    """Figure of `joint_maps`, in which other values can be drawn; its panels are drawn once.
-
-    Args:
-        results: The run.
-        joints: Names of the joints; all by default.
-    """
+    """Figure of `joint_maps`, made once for several quantities and states."""
 
     def __init__(self, results: Results, joints: Sequence[str] | None = None) -> None:
         check_results(results)
@@ -82,23 +73,10 @@ class JointMaps:
             raise ValueError(f"{results.path} has no joints to draw.")
         self._results = results
         self._surfaces = {name: JointSurface(results, name) for name in names}
-        self._figure, panels, self._bar = _layout(self._surfaces)
-        self._canvas = _canvas_class()(self._figure)
-        self._patches = {n: draw_patches(ax, self._surfaces[n]) for n, ax in panels.items()}
-        for name, ax in panels.items():
-            ax.set_title(name, fontsize="medium", loc="left")
-            if self._surfaces[name].upright:
-                ax.set_xlabel("[m]")
-            if not ax.yaxis.get_tick_params()["labelleft"]:
-                ax.set_ylabel("")
+        self._figure, self._panels, self._bar = _layout(self._surfaces)
 
     def draw(
-        self,
-        quantity: MapQuantity,
-        *,
-        time: float | None = None,
-        index: int = -1,
-        stage: int | str | None = None,
+        self, quantity: MapQuantity, time: float | None, index: int = -1, stage: Any = None
     ) -> Figure:
         """Return the figure with the values of a quantity in a state, as in `joint_maps`."""
         results, number, moment = chosen_state(self._results, time, index, stage)
@@ -106,56 +84,41 @@ class JointMaps:
         limits = map_limits(quantity, np.concatenate(list(values.values())))
         tied = np.concatenate([surface.tied for surface in self._surfaces.values()])
         is_open = np.isnan(np.concatenate(list(values.values()))) & ~tied
-        for name, patches in self._patches.items():
-            colour(patches, values[name][~self._surfaces[name].tied], quantity, limits)
+        for name, ax in self._panels.items():
+            if ax.collections:
+                colour = {"cmap": map_colours(quantity, limits), "clim": limits}
+                ax.collections[0].set(array=values[name][~self._surfaces[name].tied], **colour)
+            else:
+                draw_map(ax, self._surfaces[name], values[name], quantity, limits)
+                ax.set_title(name, fontsize="medium", loc="left")
+                if self._surfaces[name].upright:
+                    ax.set_xlabel("[m]")
+                if not ax.yaxis.get_tick_params()["labelleft"]:
+                    ax.set_ylabel("")
         place = self._bar.get_position(original=True)
         self._bar.remove()
         self._bar = self._figure.add_axes(place)
         name = MAP_LABELS[quantity].split(" $")[0].split(" [")[0]
-        title = self._figure.suptitle(
-            f"{name} {moment}", x=0.01, ha="left", y=0.995, fontsize="large"
-        )
+        self._figure.suptitle(f"{name} {moment}", x=0.01, ha="left", y=0.995, fontsize="large")
         some_open, some_tied = bool(is_open.any()), bool(tied.any())
         _draw_key(self._bar, quantity, limits, some_open=some_open, some_tied=some_tied)
-        panels = [patches.axes for patches in self._patches.values()]
-        self._canvas.values = [*(c for ax in panels for c in ax.collections), title, self._bar]
         return self._figure
 
 
-@cache
-def _canvas_class() -> type:
-    """Return a canvas that draws the artists in ``values`` each time, and all others once."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+def draw_map(
+    ax: Axes, surface: JointSurface, values: Floats, quantity: MapQuantity, limits: Limits
+) -> PolyCollection:
+    """Draw the patches of a joint's points, and the names of its ends.
 
-    class PanelCanvas(FigureCanvasAgg):
-        values: Sequence[Any] = ()
-        drawn: Any = None  # renderer with the other artists
-
-        def draw(self) -> None:
-            if self.drawn is not self.get_renderer():  # another size
-                for artist in self.values:
-                    artist.set_visible(False)
-                super().draw()
-                self.drawn, self.panels = self.renderer, self.copy_from_bbox(self.figure.bbox)
-                for artist in self.values:
-                    artist.set_visible(True)
-            self.restore_region(self.panels)
-            for artist in self.values:
-                artist.draw(self.renderer)
-
-    return PanelCanvas
-
-
-def draw_patches(ax: Axes, surface: JointSurface) -> PolyCollection:
-    """Draw the patches of a joint's points, and the names of its ends; tied points are hatched.
-
-    Return the patches of the other points, whose values `colour` draws.
+    Tied points are hatched; other points with a NaN are black.
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
     all_patches, tied = surface.patches(), surface.tied
     free = [patch for patch, hatched in zip(all_patches, tied, strict=True) if not hatched]
-    patches = PolyCollection(free, edgecolor="face", linewidth=0.3)
+    patches = PolyCollection(free, array=values[~tied], cmap=map_colours(quantity, limits))
+    patches.set(edgecolor="face", linewidth=0.3)
+    patches.set_clim(*limits)
     ax.add_collection(patches)
     if tied.any():
         hatched = [patch for patch, is_tied in zip(all_patches, tied, strict=True) if is_tied]
@@ -168,13 +131,6 @@ def draw_patches(ax: Axes, surface: JointSurface) -> PolyCollection:
         style: dict[str, Any] = {"ha": across, "fontsize": "small", "fontstyle": "italic"}
         ax.annotate(end, (x, y), (aside, above), "axes fraction", "offset points", **style)
     return patches
-
-
-def colour(
-    patches: PolyCollection, values: Floats, quantity: MapQuantity, limits: tuple[float, float]
-) -> None:
-    """Colour patches by their values; NaN is black."""
-    patches.set(array=values, cmap=map_colours(quantity, limits), clim=limits)
 
 
 # Places of the names of the ends: position in shares of the axes, offset to the right and upwards
@@ -235,12 +191,7 @@ def _box(surface: JointSurface) -> tuple[tuple[float, float], tuple[float, float
 
 
 def _draw_key(
-    bar: Axes,
-    quantity: MapQuantity,
-    limits: tuple[float, float],
-    *,
-    some_open: bool,
-    some_tied: bool,
+    bar: Axes, quantity: MapQuantity, limits: Limits, *, some_open: bool, some_tied: bool
 ) -> None:
     """Draw the colour bar or the legend of the states, with entries for open and tied points."""
     from matplotlib.cm import ScalarMappable

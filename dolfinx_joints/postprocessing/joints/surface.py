@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -177,22 +176,11 @@ class JointSurface(JointFacets):
         return np.concatenate([self.facets, self.facets[:, :1]], axis=1)
 
 
-_FACETS: WeakKeyDictionary[Results, dict[str, tuple[Ints, Ints]]] = WeakKeyDictionary()
-
-
 def facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
     """Return the facet number of each joint point, (n,), and two boundary facets, (facets, 2).
 
     The two boundary facets, one on each side, have the centres nearest to the mean of the points.
-    For a file they are searched for once.
     """
-    known = _FACETS.setdefault(results, {}) if isinstance(results, Results) else {}
-    if joint not in known:
-        known[joint] = _facets_of_joint(results, joint)
-    return known[joint]
-
-
-def _facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
     from scipy.spatial import cKDTree
 
     points, areas, facet = (

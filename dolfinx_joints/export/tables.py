@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
+from dolfinx_joints.postprocessing.frames import ZEROS, static_displacement
 from dolfinx_joints.postprocessing.joints.resultants import (
     block_resultants,
     joint_resultants,
@@ -98,7 +99,7 @@ def _stages(results: Results) -> Table:
     columns: list[tuple[str, str, Any]] = [("load time", "s", [s.load_time for s in stages])]
     for point in results.point_names:
         values = np.array([s.displacement[point] for s in stages])
-        columns += _vector(f"displacement of {point}", "m", values)
+        columns += _vector(f"displacement of {point} {ZEROS[False]}", "m", values)
     for group in stages[0].reaction:
         values = np.array([s.reaction[group] for s in stages])
         columns += _vector(f"reaction of {group}", "N", values)
@@ -150,8 +151,12 @@ def _histories(results: Results) -> Table:
         unit = results.unit("histories", name)
         motion = name if results.relative else f"absolute {name}"
         motion = f"raw {motion}" if name == "acceleration" else motion
+        zero = ""
+        if name == "displacement":
+            values = values - static_displacement(results, "point_displacement")
+            zero = f" {ZEROS[True]}"
         for i, point in enumerate(results.point_names):
-            columns += _vector(f"{motion} of {point}", unit, values[:, i])
+            columns += _vector(f"{motion} of {point}{zero}", unit, values[:, i])
     motions = _columns(columns)
     header = [other_series.header[0], *motions.header, *other_series.header[1:]]
     row_pairs = zip(other_series.rows, motions.rows, strict=True)
@@ -163,7 +168,7 @@ def _peaks(results: Results) -> Table:
     peaks: list[tuple[str, str, Peak]] = []
     quantity = "displacement" if results.relative else "absolute displacement"
     for point in results.point_names:
-        label = f"{quantity} of {point} from the static state"
+        label = f"{quantity} of {point} {ZEROS[True]}"
         peaks.append((label, "m", displacement_peak(results, [point])))
         if "acceleration" in results.streams["histories"]:
             label = f"absolute acceleration of {point} up to {common_band(results):.3g} Hz"

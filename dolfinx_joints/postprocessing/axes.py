@@ -91,7 +91,7 @@ def decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:
 
 def entitle(ax: Axes, text: str, *, over_legend: bool = False) -> None:
     """Write a title at the left; with ``over_legend``, higher than a legend ``above`` the axes."""
-    ax.set_title(text, loc="left", fontsize="medium", pad=20.0 if over_legend else None)
+    ax.set_title(text, loc="left", fontsize="medium", pad=24.0 if over_legend else None)
 
 
 def legend(ax: Axes, where: str = "inside") -> None:

@@ -122,7 +122,7 @@ class Deformed:
 
         Args:
             cameras: Viewpoints.
-            frame: Reference of the displacements, in words.
+            frame: Zero and reference of the displacements, in words.
             title: Title of the figure.
             limits: Range of the colours [mm]; the range of this state by default.
             room: Additional points, shape (n, 3), [m], that must be within the picture.
@@ -139,7 +139,7 @@ class Deformed:
         figure, axes = draw(scene, cameras)
         for ax, camera in zip(axes, cameras, strict=True):
             write_names(ax, body.tops(positions, camera), RED)
-        label = f"displacement [mm], from the unloaded body, {frame}"
+        label = f"displacement [mm], {frame}"
         colour_bar(figure, axes, colours(), limits, label, levels)
         figure.suptitle(title, fontsize="medium")
         return figure

@@ -20,6 +20,7 @@ from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE, Results
 
 GROUND = "ground"  # value of relative_to that is not the name of a monitor point
 BASE = "mean of the base"
+ZEROS = {True: "from the static state", False: "from the unloaded body"}  # by from_static
 
 _SURFACE = "free_surface_velocity"
 
@@ -107,9 +108,13 @@ def reference_displacement(results: Results, relative_to: str | None) -> Floats:
 
 
 def nodal_displacement(
-    results: Results, index: int | slice, relative_to: str | None = None
+    results: Results,
+    index: int | slice,
+    relative_to: str | None = None,
+    *,
+    from_static: bool = True,
 ) -> tuple[Floats, str]:
-    """Return the displacement of all nodes at records of ``states``, and its reference.
+    """Return the displacement of all nodes at records of ``states``, and its zero and reference.
 
     Args:
         results: The run.
@@ -117,20 +122,44 @@ def nodal_displacement(
         relative_to: Name of a monitor point, or ``ground`` as in `reference_displacement`. Unless
             given, the mean of the lowest nodes is subtracted from absolute displacements, so that
             the deformation is visible. Relative displacements are not changed.
+        from_static: True to subtract the displacement of the static state.
 
     Returns:
-        Displacement, shape (nodes, 3) or (records, nodes, 3), [m]; and the reference in words.
+        Displacement, shape (nodes, 3) or (records, nodes, 3), [m]; zero and reference in words.
     """
-    u = results.series("states", "displacement", index)
+    u, zero = results.series("states", "displacement", index), ZEROS[from_static]
+    if from_static:
+        u = u - static_displacement(results, "displacement")
     if relative_to is None and not results.relative:
         height = results.static("mesh/nodes")[:, 1 if is_plane(results) else 2]
         lowest = height <= height.min() + 1e-6 * np.ptp(height)
-        return u - u[..., lowest, :].mean(axis=-2, keepdims=True), f"relative to the {BASE}"
+        return u - u[..., lowest, :].mean(axis=-2, keepdims=True), f"{zero}, relative to the {BASE}"
     if relative_to is not None:
         times = np.atleast_1d(results.time("states")[index])
         rows = [results.nearest("histories", float(time)) for time in times]
-        u = u - reference_displacement(results, relative_to)[rows].reshape(*u.shape[:-2], 1, 3)
-    return u, frame_name(results, relative_to)
+        reference = reference_displacement(results, relative_to)[rows]
+        if from_static and not _is_ground(results, relative_to):
+            points = static_displacement(results, "point_displacement")
+            reference = reference - points[results.point_index(relative_to)]
+        u = u - reference.reshape(*u.shape[:-2], 1, 3)
+    return u, f"{zero}, {frame_name(results, relative_to)}"
+
+
+def static_displacement(results: Results, series: str) -> Floats:
+    """Return the displacement of the static state, shape (nodes or points, 3), [m].
+
+    It is that of the last static stage, in files without stages that of the first record.
+
+    Args:
+        results: The run.
+        series: ``displacement`` of all nodes, or ``point_displacement`` of the monitor points.
+    """
+    if series in results.streams.get("statics", ()) and len(results.stage_names):
+        # The first record of a continued run is not the static state.
+        return results.series("statics", series, -1)
+    stream = "states" if series == "displacement" else "histories"
+    first = results.series(stream, "displacement", slice(1))
+    return first[0] if len(first) else np.zeros(first.shape[1:])
 
 
 def _check_ground(results: Results) -> None:

@@ -34,6 +34,7 @@ from dolfinx_joints.postprocessing.frames import (
     ground_motion,
     has_ground_motion,
     reference_displacement,
+    static_displacement,
 )
 from dolfinx_joints.postprocessing.joints.extremes import JointExtremes as JointExtremes
 from dolfinx_joints.postprocessing.joints.extremes import joint_extremes as joint_extremes
@@ -98,13 +99,9 @@ def displacement_history(
     u = u - reference_displacement(results, relative_to)[:, column]
     if not from_static:
         return results.time("histories"), u
-    start = u[:1]
-    if "point_displacement" in results.streams.get("statics", ()) and len(results.stage_names):
-        # The first record of a continued run is not the static state.
-        static = results.series("statics", "point_displacement", -1)
-        start = static[index, column]
-        if relative_to in results.point_names:
-            start = start - static[results.point_index(relative_to), column]
+    static = static_displacement(results, "point_displacement")[:, column]
+    reference = results.point_index(relative_to) if relative_to in results.point_names else None
+    start = static[index] - (0.0 if reference is None else static[reference])
     return results.time("histories"), u - start
 
 

@@ -52,6 +52,7 @@ from dolfinx_joints.postprocessing.axes import (
 )
 from dolfinx_joints.postprocessing.energy_lines import WAVES, energy_lines, waves_at_end
 from dolfinx_joints.postprocessing.frames import (
+    ZEROS,
     common_frame,
     frame_name,
     ground_motion,
@@ -121,21 +122,20 @@ def history(
     component: Component,
     *,
     relative_to: str | None = None,
-    from_static: bool = False,
+    from_static: bool = True,
     ax: Axes | None = None,
     reference: Results | None = None,
     labels: tuple[str, str] | None = None,
 ) -> Axes:
-    """Draw the displacement of a monitor point against time [mm].
+    """Draw the displacement of a monitor point from the static state against time [mm].
 
-    The displacement of the static state is included unless ``from_static`` is set.
+    With ``from_static=False`` it is the displacement from the unloaded body.
     """
     ax, drawn = ax or new_axes(), runs(results, reference, labels)
     for run, style in drawn:
         record = displacement_history(run, point, component, relative_to, from_static=from_static)
         ax.plot(record[0], 1e3 * record[1], **style)
-    suffix = "\nfrom the static state" if from_static else ""
-    decorate(ax, "time [s]", f"displacement {component}{suffix} [mm]")
+    decorate(ax, "time [s]", f"displacement {component}\n{ZEROS[from_static]} [mm]")
     title = f"{point_name(results, point)}: displacement {component}"
     has_reference = reference is not None
     entitle(ax, f"{title}, {_frames(drawn, relative_to)}", over_legend=has_reference)

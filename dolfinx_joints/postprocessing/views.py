@@ -124,6 +124,7 @@ def deformed(
     stage: int | str | None = None,
     scale: float | None = None,
     relative_to: str | None = None,
+    from_static: bool = True,
     groups: Collection[str] | None = None,
     azimuths_deg: Azimuths = (DOWNSTREAM,),
     elevation_deg: Elevation = 24.0,
@@ -133,16 +134,18 @@ def deformed(
     Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``, by
     default a round number that draws the largest at about 6 % of the model's size.
 
-    Displacements are measured from the unloaded body. If the file has absolute displacements, the
-    mean of the lowest nodes is subtracted. ``relative_to`` subtracts the displacement of a monitor
-    point or of the ``"ground"`` instead (`frames`). The colour bar names the reference.
+    Displacements are measured from the static state; with ``from_static=False``, and after a static
+    ``stage``, from the unloaded body. If the file has absolute displacements, the mean of the
+    lowest nodes is subtracted. ``relative_to`` subtracts the displacement of a monitor point or of
+    the ``"ground"`` instead (`frames`). The colour bar names zero and reference.
 
     Cell ``groups`` such as ``["dam"]`` are opaque and fill the picture; others are translucent.
     """
-    results, number, moment = chosen_state(results, time, index, stage)
+    chosen, number, moment = chosen_state(results, time, index, stage)
+    from_static, results = from_static and chosen is results, chosen
     body = Body(results, groups)
     cameras = body.cameras(azimuths_deg, elevation_deg)
-    displacement, frame = nodal_displacement(results, number, relative_to)
+    displacement, frame = nodal_displacement(results, number, relative_to, from_static=from_static)
     largest = float(np.linalg.norm(displacement[body.seen], axis=1).max(initial=0.0))
     factor = round_scale(body.nodes[body.seen], largest) if scale is None else scale
     shape = Deformed(body, displacement, factor)

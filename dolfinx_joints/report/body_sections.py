@@ -72,7 +72,7 @@ def space(content: Content) -> Section:
     frames = common_frame({run.label: nodal_displacement(run.results, 0)[1] for run in runs})
     caption = (
         f"Boundary of the body with displacements enlarged by the factor above. Colours show the "
-        f"displacement from the unloaded shape, {frames}. The view has {recorded}: at most "
+        f"displacement {frames}. The view has {recorded}: at most "
         f"{MOMENTS} evenly spaced states, and the states with the largest displacement and opening."
         " It starts at the largest displacement. If the joints are shown through the body, "
         "colours show their opening."

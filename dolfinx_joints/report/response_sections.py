@@ -188,7 +188,7 @@ def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]
         return []
     draw: Callable[..., Any] = plots.fourier
     if kind == "history":
-        draw = partial(plots.history, from_static=True)
+        draw = plots.history
     options: dict[str, Any] = {"relative_to": main.relative_to}
     if reference is not None and reference.moves and name in reference.results.point_names:
         options |= {"reference": reference.results, "labels": (main.label, reference.label)}

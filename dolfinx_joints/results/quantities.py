@@ -107,7 +107,7 @@ _STATUS = "0 open, 1 sticking, 2 sliding in the step ending here, 3 closed witho
 _PRESSED = "integral of the pressure, including tension at intact bonds"
 _BOND = "cohesion times the area with intact bonds"
 _STATES = (
-    Q("displacement", "m", text="displacement of the nodes"),
+    Q("displacement", "m", text="displacement of the nodes from the unloaded body"),
     _STATIC_PART,
     Q("joints/*/gap", "m", text="gap (n, s1, s2), open if n > 0"),
     Q("joints/*/traction", "Pa", text="traction (n, s1, s2), compression if n < 0"),
@@ -117,7 +117,7 @@ _STATES = (
 )
 TABLE: dict[str, tuple[Quantity, ...]] = {
     "histories": (
-        Q("displacement", "m", text=f"displacement {_FRAME}"),
+        Q("displacement", "m", text=f"displacement from the unloaded body, {_FRAME}"),
         Q("acceleration", "m/s^2", text=f"mean acceleration of the step ending here {_FRAME}"),
         _STATIC_PART,
         Q("free_surface_velocity", "m/s", text="velocity of the free surface without the body"),
@@ -153,7 +153,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
     "statics": (
         Q("name", "-", text="name of the stage, UTF-8 padded with zeros", dtype=np.uint8),
         Q("load_time", "s", text="time at which the loads are evaluated"),
-        Q("point_displacement", "m", text="displacement of monitor points"),
+        Q("point_displacement", "m", text="displacement of points from the unloaded body"),
         *_STATES,
         _REACTION,
         Q("energy/loads/*", "J", "work of {}"),

@@ -37,13 +37,15 @@ def test_history_says_what_it_shows(results: Results, tmp_path: Path) -> None:
     reference = Results(write_run(tmp_path / "behind.h5"))
     ax = plots.history(results, "mid-crest", "x", reference=reference)
     assert ax.get_xlabel() == "time [s]"
-    assert ax.get_ylabel() == "displacement x [mm]"
+    assert ax.get_ylabel() == "displacement x\nfrom the static state [mm]"
     assert ax.get_title(loc="left") == "mid-crest: displacement x, relative to the ground"
     names = [line.get_label() for line in ax.get_lines()]
     assert names == ["behind", "run"]  # names of files
     assert ax.get_xlim() == pytest.approx((0.0, 1.0))
     assert ax.get_legend() is not None
-    assert plots.history(results, 0, "z").get_legend() is None
+    total = plots.history(results, 0, "z", from_static=False)
+    assert total.get_legend() is None
+    assert total.get_ylabel() == "displacement z\nfrom the unloaded body [mm]"
 
 
 @pytest.mark.parametrize("draw", [plots.history, plots.fourier])

@@ -47,9 +47,9 @@ def same(found: Any, expected: Any) -> None:
 
 
 def moved(run: Results, point: str, component: str, relative_to: str | None = None) -> np.ndarray:
-    """Displacement of a point, from that of another [m]."""
+    """Displacement of a point since the first record, from that of another [m]."""
     u = run.series("histories", "displacement")[..., "xyz".index(component)]
-    names = run.point_names
+    u, names = u - u[0], run.point_names
     return u[:, names.index(point)] - (u[:, names.index(relative_to)] if relative_to else 0.0)
 
 
@@ -61,7 +61,7 @@ def test_histories(runs: tuple[Results, Results], relative_to: str | None) -> No
         for run, (time, u) in zip((other, own), lines(ax), strict=True):
             same(time, run.time("histories"))
             same(u, moved(run, point, component, relative_to))
-        assert f"displacement {component}" in ax.get_ylabel()
+        assert ax.get_ylabel() == f"displacement {component}\nfrom the static state [mm]"
         assert ax.get_title(loc="left").startswith(f"{point}: displacement {component}")
 
 
@@ -213,7 +213,7 @@ def test_pictures_of_the_body(
     for record in (1, 3):
         figure = views.deformed(own, index=record, scale=50.0)
         body, contours, sides = (data for data, _ in seen[-1].layers[:3])
-        u = own.series("states", "displacement", record)
+        u = own.series("states", "displacement", record) - own.series("states", "displacement", 0)
         for part in (body, sides):
             np.testing.assert_allclose(part.points, nodes + 50.0 * u, rtol=1e-6)
         size = si(figure.axes[-1].get_ylabel(), body.point_data["value"])
@@ -311,9 +311,11 @@ def test_tables(runs: tuple[Results, Results], tmp_path: Path) -> None:
         for name in own.streams[stream]:
             values = own.series(stream, name)
             if values.ndim == 3:
-                shown = f"raw {name}" if name == "acceleration" else name
+                shown, zero = f"raw {name}" if name == "acceleration" else name, ""
+                if name == "displacement":
+                    values, zero = values - values[0], " from the static state"
                 for i, point in enumerate(own.point_names):
-                    wanted[stream] |= by_axis(f"{shown} of {point}", values[:, i])
+                    wanted[stream] |= by_axis(f"{shown} of {point}{zero}", values[:, i])
             else:
                 wanted[stream] |= {name: values} if values.ndim == 1 else by_axis(name, values)
     for name in ("joint_extremes", "resultants"):

@@ -170,7 +170,7 @@ def test_the_body_in_space_is_without_the_motion_of_its_base(tmp_path):
     pytest.importorskip("pyvista")
     path = write_run(tmp_path / "waves.h5", waves=True)
     _, html = page_of([path], tmp_path, with_3d=True)
-    assert "from the unloaded shape, relative to the mean of the base" in html
+    assert "from the static state, relative to the mean of the base" in html
     scene = data_of(html)["scene"][0]
     assert scene["largest"] == pytest.approx(2.0)  # mm, of 252
     last = unpacked(scene["frames"][-1]["displacement"]).reshape(-1, 3)

@@ -179,7 +179,7 @@ def test_shapes_are_without_the_motion_of_the_base(results):
         shape, what = nodal_displacement(results, number)
         exact = displacement(time, heights) - displacement(time)
         np.testing.assert_allclose(shape[:, 0], exact, atol=4e-3 * LEFT)
-        assert what == "relative to the mean of the base"
+        assert what == "from the static state, relative to the mean of the base"
 
 
 @pytest.mark.mpi
@@ -195,7 +195,7 @@ def test_figures_tables_and_rows_say_what_they_show(results):
         assert title.endswith(text)
     assert frame_name(results, "ground") == "relative to the free surface"
     table = tables_of(results)["histories"]
-    column = table.header.index("absolute displacement of top x [m]")
+    column = table.header.index("absolute displacement of top from the static state x [m]")
     assert table.rows[-1][column] == pytest.approx(LEFT, rel=2e-3)
     assert "free_surface_velocity x [m/s]" in table.header
     row = summary_row(results, band=None)

@@ -23,8 +23,9 @@ else:
 def to_pandas(results: Results, table: TableName = "histories") -> DataFrame:
     """Return a table of a results file, with the contents of `csv_files.write_csv`.
 
-    Column names include the unit: ``displacement of crest from the static state x [m]``. A table with one row per time is
-    indexed by the time. ``frame.attrs["file"]`` is the path of the results file.
+    Column names include the unit: ``displacement of crest from the static state x [m]``. A table
+    with one row per time is indexed by the time. ``frame.attrs["file"]`` is the path of the results
+    file.
 
     Args:
         results: The run.

@@ -61,9 +61,8 @@ def test_tables_of_a_file_of_stages_alone(tmp_path: Path) -> None:
         assert row.pop("stage") == of_joint.pop("stage") == stage.name
         wanted = {"load time [s]": stage.load_time}
         for i, axis in enumerate("xyz"):
-            wanted[f"displacement of crest from the unloaded body {axis} [m]"] = stage.displacement[
-                "crest"
-            ][i]
+            moved = f"displacement of crest from the unloaded body {axis} [m]"
+            wanted[moved] = stage.displacement["crest"][i]
             wanted[f"reaction of base {axis} [N]"] = stage.reaction["base"][i]
         assert {name: float(value) for name, value in row.items()} == wanted
         assert of_joint.pop("joint") == "joint_1"

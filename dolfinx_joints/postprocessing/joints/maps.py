@@ -95,7 +95,7 @@ class JointMaps:
                     ax.set_xlabel("[m]")
                 if not ax.yaxis.get_tick_params()["labelleft"]:
                     ax.set_ylabel("")
-        place = self._bar.get_position(original=True)
+        place: Any = self._bar.get_position(original=True)
         self._bar.remove()
         self._bar = self._figure.add_axes(place)
         name = MAP_LABELS[quantity].split(" $")[0].split(" [")[0]

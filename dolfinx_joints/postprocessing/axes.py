@@ -53,7 +53,7 @@ def pixels(figure: Figure, dpi: float) -> NDArray[np.uint8]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     usual, figure.dpi = figure.dpi, dpi
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     figure.dpi = usual
     return np.asarray(canvas.buffer_rgba())

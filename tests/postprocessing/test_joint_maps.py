@@ -12,6 +12,8 @@ from test_unrolled import FACETS, RADIUS, WIDTH, valley
 from written_runs import JOINT, NODES, SURFACE
 
 from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.postprocessing.axes import pixels
+from dolfinx_joints.postprocessing.joints.maps import JointMaps
 from dolfinx_joints.postprocessing.palette import signed_colours
 from dolfinx_joints.results.reader import Results
 
@@ -79,6 +81,16 @@ def test_each_joint_has_a_panel_with_the_values_of_the_file(results: Results) ->
     slip = plots.joint_maps(results, "slip")
     np.testing.assert_allclose(slip.axes[0].collections[0].get_array(), [0.0, 5.0, 0.0, 0.0])
     assert slip.axes[2].get_legend() is None  # nothing is black
+
+
+def test_maps_one_after_the_other_are_those_drawn_alone(results: Results) -> None:
+    """Compare the pixels with those of a new figure; each panel is made once."""
+    maps = JointMaps(results)
+    for quantity, index in (("normal", 0), ("slip", 0), ("opening", 0), ("normal", 0)):
+        figure = maps.draw(quantity, None, index)
+        alone = plots.joint_maps(results, quantity, index=index)
+        assert [len(ax.collections) for ax in figure.axes[:2]] == [2, 2]
+        np.testing.assert_array_equal(pixels(figure, 60.0), pixels(alone, 60.0))
 
 
 def test_upstream_and_downstream_are_named(results: Results) -> None:

@@ -140,6 +140,26 @@ def test_axes_given_are_drawn_on_and_saved(results: Results, tmp_path: Path) -> 
     assert {path.name for path in tmp_path.iterdir()} == {"figure.png", "figure.pdf"}
 
 
+@pytest.mark.parametrize("colour", ["white", "none"])
+def test_a_picture_is_drawn_once_with_the_pixels_of_matplotlib(
+    results: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, colour: str
+) -> None:
+    """Compare with ``savefig``, which draws twice; a figure without background stays so."""
+    from PIL import Image
+
+    drawn = []
+    ax = plots.history(results, "mid-crest", "x")
+    ax.figure.set_facecolor(colour)
+    draw = ax.draw
+    monkeypatch.setattr(ax, "draw", lambda renderer: drawn.append(draw(renderer)))
+    own = np.asarray(Image.open(plots.save(ax.figure, tmp_path / "own.png", dpi=70)))
+    assert (len(drawn), own.shape[2]) == (1, 3 if colour == "white" else 4)
+    assert ax.figure.dpi == 100.0  # as before
+    ax.figure.savefig(tmp_path / "other.png", dpi=70)
+    other = np.asarray(Image.open(tmp_path / "other.png"))
+    np.testing.assert_array_equal(own, other[..., : own.shape[2]])
+
+
 @pytest.mark.parametrize(
     ("normal", "across", "up", "label"),
     [

@@ -150,6 +150,20 @@ def test_a_square_is_where_its_extent_says() -> None:
     assert share(image, RED) == pytest.approx(200 * 100 / image[..., 0].size, rel=0.02)
 
 
+def test_scenes_do_not_show_each_other() -> None:
+    """Render a square, another one to its right, and the first again, all in one window."""
+    square = np.array([[0.0, 0, 0], [0, 2, 0], [0, 2, 1], [0, 0, 1]])
+    second = square + np.array([0.0, 3.0, 0.0])
+    pictures = []
+    for colour, place in (("#b2182b", square), ("#000000", second), ("#b2182b", square)):
+        scene = rendering.Scene(room=np.concatenate([square, second]))
+        scene.surface(place, [[0, 1, 2, 3]], color=colour, lighting=False)
+        pictures.append(scene.render(rendering.Camera(0.0, 0.0), pixels=200))
+    assert share(pictures[0], BLACK) == share(pictures[1], RED) == 0.0
+    assert share(pictures[0], RED) == pytest.approx(share(pictures[1], BLACK), rel=0.05)
+    np.testing.assert_array_equal(pictures[0], pictures[2])
+
+
 def test_coincident_points_are_no_outline() -> None:
     # Two unit squares with an edge in common, whose points differ by rounding: 6 edges are left.
     square = np.array([[0.0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]])

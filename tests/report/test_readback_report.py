@@ -172,6 +172,13 @@ def test_stresses_and_the_view_in_space(
             drawn = np.frombuffer(base64.b64decode(frame["opening"]["f4"]), dtype="<f4")
             np.testing.assert_allclose(drawn, 1e3 * expected, rtol=1e-6)  # mm
         assert scene["widest"] == pytest.approx(1e3 * widest.max())
+        # The largest displacement and its record, read in blocks of one record and all at once.
+        sizes = np.linalg.norm(u, axis=2).max(axis=1)
+        for block in (1, 2**21):
+            monkeypatch.setattr(body_sections, "_BLOCK", block)
+            again = body_sections.scene(run)
+            assert again["start"] == np.argmax(sizes)
+            assert again["largest"] == pytest.approx(1e3 * sizes.max())
 
 
 def test_cells_of_static_stages_are_measures(tmp_path: Path) -> None:

@@ -90,12 +90,12 @@ class JointMaps:
                 ax.collections[0].set(array=values[name][~self._surfaces[name].tied], **colour)
             else:
                 draw_map(ax, self._surfaces[name], values[name], quantity, limits)
-                ax.set_title(name, fontsize="medium", loc="left")
+                ax.set_title(name, fontsize="medium", loc="left", y=1.0)
                 if self._surfaces[name].upright:
                     ax.set_xlabel("[m]")
                 if not ax.yaxis.get_tick_params()["labelleft"]:
                     ax.set_ylabel("")
-        place = self._bar.get_position(original=True)
+        place: Any = self._bar.get_position(original=True)
         self._bar.remove()
         self._bar = self._figure.add_axes(place)
         name = MAP_LABELS[quantity].split(" $")[0].split(" [")[0]

@@ -206,11 +206,11 @@ class Blocks:
         owned = block[: model.V.dofmap.index_map.size_local]
         count = int(max(comm.allgather(int(owned.max(initial=-1))))) + 1
         self.mass, self.centre = _masses(model, owned, count)
-        signs = np.ones(self.sides.T.shape) * [[-1.0], [1.0]]
-        self._sides = [
-            (_sums_of_groups(number, count, sign), self._operator.points - self.centre[number])
-            for number, sign in zip(self.sides.T, signs, strict=True)
-        ]
+        self._sides = []
+        for side, sign in enumerate((-1.0, 1.0)):
+            number = self.sides[:, side]
+            sums = _sums_of_groups(number, count, np.full(len(number), sign))
+            self._sides.append((sums, self._operator.points - self.centre[number]))
 
     def __call__(self, force: Floats) -> Floats:
         """Return forces and moments on each block, shape (..., blocks, 6), [N, N m] (collective).

@@ -136,6 +136,7 @@ def test_a_run_that_fails_has_all_rows_before(comm, wall_file, read, new_path, m
     def look():
         whole, failed = rows_of(paths[0], 4), rows_of(paths[1])
         for name, values in failed.items():
+            assert len(values) == 4  # the start and three steps
             np.testing.assert_array_equal(values, whole[name], err_msg=name)
         with dj.Results(paths[1]) as results:
             assert results.status == "failed"

@@ -41,18 +41,13 @@ _CONTROLS = (
 )
 
 
-def space(content: Content) -> Section:
-    """Return the section with a 3-D view of the deformed body at chosen times."""
+def space(content: Content) -> Section | None:
+    """Return the section with a 3-D view of the deformed body at chosen times; None in 2-D."""
     title = "3-D view of the body"
-    needed = {"mesh/nodes", "mesh/surface"}
-    runs = [
-        run
-        for run in content.runs
-        if needed <= set(run.results.statics) and run.has("states", "displacement")
-    ]
-    runs = [run for run in runs if not run.plane]
-    if not runs and any(run.plane for run in content.runs):
-        return Section("space", title, [paragraph("The models are 2-D; there is no 3-D view.")])
+    runs = [run for run in content.runs if not run.plane]
+    if not runs:
+        return None
+    runs = [run for run in runs if run.drawable and run.has("states", "displacement")]
     if not runs and all(run.static_alone for run in content.runs):
         words = "The files have only static stages; the section Statics shows the body after each."
         return Section("space", title, [paragraph(words)])
@@ -94,23 +89,24 @@ def stresses(content: Content) -> Section:
     extremes = [measures.stress_extremes(run.results) for run in runs]
     rows = [[name.replace("_", ", "), *(1e-6 * e[name] for e in extremes)] for name in extremes[0]]
     head = ["[MPa]", *(run.label for run in runs)]
-    pieces = [table("Extreme stresses of the run at the boundary, tension > 0", head, rows)]
     run = content.main if content.main in runs else runs[0]
+    where = "in the body" if run.plane else "at the boundary"
+    pieces = [table(f"Extreme stresses of the run {where}, tension > 0", head, rows)]
     recorded = [name for name, value in extremes[runs.index(run)].items() if not np.isnan(value)]
-    if not run.plane:
+    if run.drawable:
         shown = [_envelope(content, run, name) for name in recorded]
         pieces += shown[:2]
         if shown[2:]:
-            pieces.append(details("Arch and cantilever stresses", shown[2:]))
+            title_of_others = "Vertical stresses" if run.plane else "Arch and cantilever stresses"
+            pieces.append(details(title_of_others, shown[2:]))
     return Section("stresses", title, pieces)
 
 
 def _envelope(content: Content, run: Run, name: str) -> Html:
     quantity, end = name.split("_")
     extreme = {"max": "Largest", "min": "Smallest"}[end]
-    caption = (
-        f"{extreme} {quantity} stress over the run at each point of the boundary, {run.label}."
-    )
+    where = "body" if run.plane else "boundary"
+    caption = f"{extreme} {quantity} stress over the run at each point of the {where}, {run.label}."
     drawn = views.envelope(run.results, cast(EnvelopeName, name), groups=run.groups)
     path = content.save(name, drawn, dpi=130)
     return figure([content.drawings.picture(path, caption)], caption, wide=True)
@@ -119,8 +115,8 @@ def _envelope(content: Content, run: Run, name: str) -> Html:
 def mesh(content: Content) -> Section:
     """Return the section with the mesh of the main run and the names of its joints."""
     run = content.main
-    if run.plane or not {"mesh/nodes", "mesh/surface"} <= set(run.results.statics):
-        return nothing("mesh", "Mesh", "mesh of a 3-D body")
+    if not run.drawable:
+        return nothing("mesh", "Mesh", "mesh of the body")
     caption = f"Finite-element mesh of {run.label}, with the names of its joints."
     path = content.save("mesh", views.mesh(run.results), dpi=130)
     picture = content.drawings.picture(path, caption)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.joints.extremes import drawn_series, joint_extremes
 from dolfinx_joints.postprocessing.joints.maps import JointMaps
 from dolfinx_joints.report.page import (
@@ -33,7 +33,6 @@ _OF_STAGE: tuple[tuple[str, Any, str], ...] = (
     ("tangential", "tangential", "Tangential traction"),
     ("state", "state", "State of the points"),
 )
-_PLANE = "The model is 2-D: its joints are lines, so there are no maps."
 _SAFEST = 5.0  # end of the safety axis, unless the smallest safety is close to it or above
 
 
@@ -105,21 +104,24 @@ def _histories(content: Content, run: Run) -> Html:
 
 def _maps(content: Content, run: Run) -> list[Html]:
     """Return maps of all joints: traction in statics and in the earthquake, opening, slip."""
-    if run.plane:
-        return [paragraph(_PLANE)]
     measured = measures.joint_measures(run.results)
     widest, farthest = (
         max((f[f"{name}_max"], f[f"{name}_time"]) for f in measured.values())[1]
         for name in ("opening", "slip")
     )
     time, moment = largest_moment(run)
+    nearest = "the record closest to the"
+    if run.plane:
+        return [
+            _profiles(content, "joints_largest", moment, time=time),
+            _profiles(content, "joints_opening", f"{nearest} largest opening", time=widest),
+        ]
     start = float(run.results.time("states")[0])
-    nearest = "at the record closest to the"
     drawn: list[tuple[str, Any, float, str]] = [
         ("static", "normal", start, "Normal traction in the static state"),
         ("normal", "normal", time, f"Normal traction at {moment}"),
-        ("opening", "opening", widest, f"Opening, {nearest} largest opening"),
-        ("tangential_gap", "slip", farthest, f"Tangential gap, {nearest} largest slip"),
+        ("opening", "opening", widest, f"Opening, at {nearest} largest opening"),
+        ("tangential_gap", "slip", farthest, f"Tangential gap, at {nearest} largest slip"),
         ("tangential", "tangential", time, f"Tangential traction at {moment}"),
         ("state", "state", time, f"State of the points at {moment}"),
     ]
@@ -141,13 +143,22 @@ def _of_last_stage(content: Content) -> list[Html]:
     )
     area = _area(run)
     if run.plane:
-        return [tables, area, paragraph(_PLANE)]
+        moment = f"the end of {run.results.stage_names[-1]}"
+        return [tables, area, _profiles(content, "joints_static", moment, stage=-1)]
     shown, maps = [], JointMaps(run.results)
     for name, quantity, words in _OF_STAGE:
         picture = maps.draw(quantity, None, stage=-1)
         caption = f"{words}, {run.label} after {run.results.stage_names[-1]}."
         shown.append(_map(content, name, picture, caption))
     return [tables, area, *shown[:2], details("Further maps", shown[2:])]
+
+
+def _profiles(content: Content, name: str, moment: str, **state: Any) -> Html:
+    """Return values along the joints of the main plane run at a moment, described in words."""
+    drawn = plots.joint_profiles(content.main.results, **state)
+    caption = f"Values along the joints at {moment}, {content.main.label}."
+    path = content.save(name, drawn, dpi=100)
+    return figure([content.drawings.picture(path, caption)], caption)
 
 
 def _map(content: Content, name: str, picture: Any, caption: str) -> Html:

@@ -157,8 +157,7 @@ def _span(run: Run) -> str:
 def _dam(content: Content) -> list[Html]:
     """Return the dam at its largest displacement, seen from upstream and downstream."""
     run = content.main
-    needed = {"mesh/nodes", "mesh/surface"} <= set(run.results.statics)
-    if not needed or run.plane or not run.has("states", "displacement"):
+    if not run.drawable or not run.has("states", "displacement"):
         return []
     time, moment = largest_moment(run)
     both = (views.UPSTREAM, views.DOWNSTREAM)

@@ -79,6 +79,12 @@ class Run:
         """True for a 2-D model."""
         return "mesh/surface" in self.results.statics and is_plane(self.results)
 
+    @property
+    def drawable(self) -> bool:
+        """True if the file has the nodes and faces that pictures of the body need."""
+        needed = {"mesh/nodes", "mesh/surface"} | ({"mesh/cells"} if self.plane else set())
+        return needed <= set(self.results.statics)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Addition:

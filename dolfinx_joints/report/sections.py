@@ -18,7 +18,7 @@ from dolfinx_joints.report import (
 from dolfinx_joints.report.page import Section
 from dolfinx_joints.report.runs import Addition, Content
 
-SECTIONS: tuple[Callable[[Content], Section], ...] = (
+SECTIONS: tuple[Callable[[Content], Section | None], ...] = (
     static_section.statics,
     response_sections.displacements,
     response_sections.response_spectra,
@@ -40,7 +40,8 @@ def ordered(content: Content, added: Addition, *, of_body: bool) -> list[Section
     chosen = [make for make in SECTIONS if of_body or make not in SECTIONS_OF_BODY]
     progress, made = Progress("report", len(chosen), "sections"), []
     for make in chosen:
-        made.append(make(content))
+        if (section := make(content)) is not None:
+            made.append(section)
         progress.advance()
     progress.finish()
     return [*added.first, *made, *added.last]

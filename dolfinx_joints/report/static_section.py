@@ -47,11 +47,10 @@ def statics(content: Content) -> Section:
 
 
 def _pictures(content: Content) -> list[Html]:
-    """Return the deformed body after each static stage, from downstream, at a common scale."""
+    """Return the deformed body after each static stage, at a common scale."""
     run = content.main
     names = run.results.stage_names
-    surface = {"mesh/nodes", "mesh/surface"} <= set(run.results.statics)
-    if run.plane or not (surface and names and run.has("statics", "displacement")):
+    if not (run.drawable and names and run.has("statics", "displacement")):
         return []
     body = Body(run.results, run.groups)
     moved = [run.results.series("statics", "displacement", i)[body.seen] for i in range(len(names))]
@@ -62,7 +61,7 @@ def _pictures(content: Content) -> list[Html]:
         drawn = views.deformed(run.results, stage=number, scale=scale, groups=run.groups)
         path = content.save(f"static_{number + 1}", drawn, dpi=90)
         pictures.append(content.drawings.picture(path, f"{run.label} after {name}"))
-    caption = f"{run.label} after each static stage, from downstream."
+    caption = f"{run.label} after each static stage{'' if run.plane else ', from downstream'}."
     if _any_stage_lists(run, "absent"):
         caption += " Blocks that are absent in a stage are drawn undeformed."
     return [figure(pictures, caption + gaps_note(run))]

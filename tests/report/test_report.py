@@ -307,7 +307,7 @@ def test_what_is_not_in_the_file_is_reported(tmp_path, monkeypatch):
         assert measures.strong_phase_end(run.results) == pytest.approx(0.5)  # the end of the run
 
 
-def test_plane_joints_have_no_maps(tmp_path):
+def test_plane_joints_have_profiles(tmp_path):
     nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
     joint = {
         "points": np.array([[0.5, 1.0, 0.0]]),
@@ -319,8 +319,8 @@ def test_plane_joints_have_no_maps(tmp_path):
     given = (nodes, [[2, 3], [0, 1]], {"seam": joint}, *states)
     write_states(tmp_path / "plane.h5", *given, point_names=["tip"])
     page, html = page_of([tmp_path / "plane.h5"], tmp_path, with_3d=True)
-    assert "The models are 2-D; there is no 3-D view." in html
-    assert "The model is 2-D: its joints are lines, so there are no maps." in html
+    assert "3-D view" not in html
+    assert "Values along the joints at the record closest to the largest opening, plane." in html
     assert "seam" in page.cells
     assert "2.000 1 s at (0.5, 1) m" in page.cells
     assert "Coordinates are x (downstream) and y (up).</p>" in html

@@ -19,6 +19,10 @@ _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
 _POINT = re.compile(r"CARTESIAN_POINT\s*\(\s*'[^']*'\s*,\s*\(([^()]*)\)")
 _LENGTH = re.compile(r"LENGTH_UNIT\s*\(\s*\)[^;]*SI_UNIT\s*\([^()]*\.METRE\.|CONVERSION_BASED_UNIT")
 _SOLID = re.compile(r"\b(?:MANIFOLD_SOLID_BREP|FACETED_BREP|BREP_WITH_VOIDS)\s*\(")
+# Shells of the solids, faces of the shells, names of the faces, each with the number of its line.
+_SHELL = re.compile(r"\b(?:MANIFOLD_SOLID_BREP|FACETED_BREP)\s*\(\s*'(?:[^']|'')*'\s*,\s*#(\d+)")
+_FACES = re.compile(r"#(\d+)\s*=\s*CLOSED_SHELL\s*\(\s*'(?:[^']|'')*'\s*,\s*\(([^)]*)")
+_FACE = re.compile(r"#(\d+)\s*=\s*ADVANCED_FACE\s*\(\s*'((?:[^']|'')*)'")
 _TRIAL = """import os, sys, gmsh
 gmsh.initialize(readConfigFiles=False, interruptible=False)
 gmsh.option.setNumber("General.Terminal", 0)
@@ -52,6 +56,17 @@ def check_step_file(step: Path) -> int:
     solids = _check_content(step)
     _try_reading(step)
     return solids
+
+
+def face_names(step: Path) -> list[str]:
+    """Return the names of the faces of all solids, in the order in which Open CASCADE reads them.
+
+    Gmsh has the names of solids only.
+    """
+    text = step.read_text("latin-1")
+    names, faces = dict(_FACE.findall(text)), dict(_FACES.findall(text))
+    shells = (faces.get(shell, "") for shell in _SHELL.findall(text))
+    return [names.get(face, "") for shell in shells for face in re.findall(r"#(\d+)", shell)]
 
 
 def _try_reading(step: Path) -> None:

@@ -18,10 +18,11 @@ _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
 # Points of a STEP file with their coordinates; units of length.
 _POINT = re.compile(r"CARTESIAN_POINT\s*\(\s*'[^']*'\s*,\s*\(([^()]*)\)")
 _LENGTH = re.compile(r"LENGTH_UNIT\s*\(\s*\)[^;]*SI_UNIT\s*\([^()]*\.METRE\.|CONVERSION_BASED_UNIT")
-_SOLID = re.compile(r"\b(?:MANIFOLD_SOLID_BREP|FACETED_BREP|BREP_WITH_VOIDS)\s*\(")
-# Shells of the solids, faces of the shells, names of the faces, each with the number of its line.
-_SHELL = re.compile(r"\b(?:MANIFOLD_SOLID_BREP|FACETED_BREP)\s*\(\s*'(?:[^']|'')*'\s*,\s*#(\d+)")
-_FACES = re.compile(r"#(\d+)\s*=\s*CLOSED_SHELL\s*\(\s*'(?:[^']|'')*'\s*,\s*\(([^)]*)")
+# Solids with the number of their shell, shells with their faces, faces with their names.
+_SOLID = re.compile(
+    r"\b(?:MANIFOLD_SOLID_BREP|FACETED_BREP|BREP_WITH_VOIDS)\s*\(\s*'(?:[^']|'')*'\s*,\s*#(\d+)"
+)
+_SHELL = re.compile(r"#(\d+)\s*=\s*CLOSED_SHELL\s*\(\s*'(?:[^']|'')*'\s*,\s*\(([^)]*)")
 _FACE = re.compile(r"#(\d+)\s*=\s*ADVANCED_FACE\s*\(\s*'((?:[^']|'')*)'")
 _TRIAL = """import os, sys, gmsh
 gmsh.initialize(readConfigFiles=False, interruptible=False)
@@ -64,9 +65,9 @@ def face_names(step: Path) -> list[str]:
     Gmsh has the names of solids only.
     """
     text = step.read_text("latin-1")
-    names, faces = dict(_FACE.findall(text)), dict(_FACES.findall(text))
-    shells = (faces.get(shell, "") for shell in _SHELL.findall(text))
-    return [names.get(face, "") for shell in shells for face in re.findall(r"#(\d+)", shell)]
+    names, faces = dict(_FACE.findall(text)), dict(_SHELL.findall(text))
+    numbers = re.findall(r"#(\d+)", "".join(faces.get(n, "") for n in _SOLID.findall(text)))
+    return [names.get(number, "") for number in numbers]
 
 
 def _try_reading(step: Path) -> None:

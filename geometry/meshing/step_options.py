@@ -124,7 +124,7 @@ def _search(
     if isinstance(where, str):
         known = ", ".join(sorted(set(labels.values()) - {""})) or "none"
         failure = f"{shown(where)}, but no outer face has this name; names in the file: {known}"
-        return [face for face in solid_of if labels[face] == where], failure
+        return [face for face in solid_of if labels.get(face) == where], failure
     if _is_at_axis(where, ("x", "y", "z")):
         (axis, value), k = where, "xyz".index(str(where[0]))
         level = float({"min": low[k], "max": high[k]}.get(str(value), value))

@@ -93,7 +93,7 @@ class Fragility(Summarised):
             "exceeded": float(share.sum()),
             "failed": self.failed,
             "left_out": self.left_out,
-            "fit": "lognormal, maximum likelihood",
+            "fit": "lognormal by maximum likelihood",
             "pseudo_r2": 1.0 - _misfit(z, share) / _misfit(constant, share),  # McFadden (1974)
             "intensity": self.intensity_name,
             "median": self.median,

@@ -6,11 +6,10 @@ In the elevation (a, z) the block lies between the ground and its image, enlarge
 of the crest. It consists of rings that are enlarged step by step, so that cells grow outwards and
 never fold.
 
-In 3-D the valley continues straight upstream and downstream of the dam. The block ends at planes
-x = constant and, in these planes, at the outline of all points at a distance ``depth`` from the
-rectangle of the dam's height and width. The rings move from the ground to this outline in planes
-x = constant, so that the banks never meet. Without a spread the block is a saddle under the dam:
-each node has the same distance from the axis of the crest's arch as its image on the ground.
+In 3-D the valley continues straight upstream and downstream of the dam. In planes x = constant the
+rings move from the ground to an outline at the distance ``depth`` from the rectangle of the dam's
+height and width, so that the banks never meet. Without a spread the block is a saddle under the
+dam: each node has the same distance from the axis of the crest's arch as its image on the ground.
 """
 
 from __future__ import annotations
@@ -145,7 +144,10 @@ class Block:
             zeta += np.clip(sector.foundation(theta, through) - zeta, -most, most)
         foot = sector.dam.point(sector.across(theta, through, zeta), through, zeta)
         if self.reach == 0:
-            moved = _turned(sector, foot, theta, factor)
+            radius = np.hypot(foot[:, 0] - sector.axis, foot[:, 1])
+            x = sector.axis - radius * np.cos(factor * theta)
+            z = height - factor * (height - foot[:, 2])
+            moved = np.column_stack([x, radius * np.sin(factor * theta), z])
         else:
             share = (factor - 1) * height / self.depth
             moved = self._moved(sector, foot, share, ta - through)
@@ -157,17 +159,11 @@ class Block:
     def _moved(
         self, sector: Sector, foot: FloatArray, share: FloatArray, beyond: FloatArray
     ) -> FloatArray:
-        """Return the ground points moved towards the outline, and upstream or downstream.
+        """Return ground points moved by shares of the ways to the outline and beyond the faces.
 
         With p = y / width and q = (height - z) / height, a point moves by l (p, -q) in (y, z).
         Lines of different points do not cross, because p decreases from the crest to the base
         while q increases. The bisection finds the l of the outline.
-
-        Args:
-            sector: half of the dam.
-            foot: points on the ground, shape (n, 3), [m].
-            share: share of the way to the outline, from 0 to 1, shape (n,).
-            beyond: share of the way to the end of the block, negative upstream, shape (n,).
         """
         height = sector.dam.height
         abutment = sector.dam.point(1.0, [[0.0], [1.0]], np.linspace(0, 1, 201))
@@ -181,17 +177,9 @@ class Block:
             distance = np.hypot(*(np.maximum(r * (w + middle) - w, 0) for r, w in sides))
             is_inside = distance < self.depth
             low, high = np.where(is_inside, middle, low), np.where(is_inside, high, middle)
-        way = share * high
-        end = self.ends[(beyond > 0).astype(int)]
+        end, way = self.ends[(beyond > 0).astype(int)], share * high
         x = foot[:, 0] + np.abs(beyond) * (end - foot[:, 0])
         return np.column_stack([x, foot[:, 1] + way * p, foot[:, 2] - way * q])
-
-
-def _turned(sector: Sector, foot: FloatArray, theta: FloatArray, factor: FloatArray) -> FloatArray:
-    """Return the ground points enlarged about the middle of the crest, around the axis."""
-    radius, angle = np.hypot(foot[:, 0] - sector.axis, foot[:, 1]), factor * theta
-    z = sector.dam.height - factor * (sector.dam.height - foot[:, 2])
-    return np.column_stack([sector.axis - radius * np.cos(angle), radius * np.sin(angle), z])
 
 
 def _graded(length: float, first: float) -> FloatArray:

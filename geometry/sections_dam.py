@@ -207,21 +207,13 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("table", type=Path, help="CSV file of the sections")
     parser.add_argument("--layers", type=int, default=1, help="elements through the thickness")
     parser.add_argument("--joints", type=int, default=9, help="number of joints")
-    parser.add_argument(
-        "--joint-angles", type=float, nargs="+", help="joint angles [degrees], instead of --joints"
-    )
+    angles = "joint angles [degrees], instead of --joints"
+    parser.add_argument("--joint-angles", dest="joints", type=float, nargs="+", help=angles)
     parser.add_argument("--active-height", type=float, default=1.0, help="relative joint height")
     parser.add_argument("--foundation", type=float, help="extent of a foundation block [m]")
     parser.add_argument("--spread", type=float, help="its extent along the valley [m]")
     parser.add_argument("--perimetral", action="store_true", help="joint between dam and block")
-
-    def model(out: Path, **options: object) -> Path:
-        angles = options.pop("joint_angles")
-        if angles is not None:
-            options["joints"] = angles
-        return sections_dam(out, **options)  # type: ignore[arg-type]
-
-    gmsh_model.run_script(parser, model, argv)
+    gmsh_model.run_script(parser, sections_dam, argv)
 
 
 if __name__ == "__main__":

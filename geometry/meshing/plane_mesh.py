@@ -17,8 +17,6 @@ from dolfinx_joints.geometry.meshing.extrusion import FloatArray, PlaneMesh
 
 Section = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
-_TYPES = {(2, 4): 3, (2, 3): 2, (1, 2): 1}  # Gmsh element types by dimension and number of nodes
-
 
 def write_plane(
     out: str | os.PathLike[str],
@@ -49,7 +47,8 @@ def write_plane(
     """
     path = mesh_path(out)
     with gmsh_model.gmsh_session():
-        _add_plane(plane)
+        points = np.column_stack([plane.points, np.zeros(len(plane.points))])
+        gmsh_model.add_mesh(points, plane.cells, plane.edges, 2)
         gmsh_model.raise_order(order)
         if section is not None:
             tags, reference, _ = gmsh.model.mesh.getNodes()
@@ -58,17 +57,3 @@ def write_plane(
                 gmsh.model.mesh.setNode(tag, [x, y, 0.0], [])
         gmsh_model.save(path, gui, duplicated)
     return path
-
-
-def _add_plane(plane: PlaneMesh) -> None:
-    """Add the mesh to the current model as discrete entities with named groups."""
-    groups = [(2, name, nodes) for name, nodes in plane.cells.items()]
-    groups += [(1, name, nodes) for name, nodes in plane.edges.items()]
-    entities = [gmsh.model.addDiscreteEntity(dim) for dim, _, _ in groups]
-    tags = np.arange(1, len(plane.points) + 1)
-    points = np.column_stack([plane.points, np.zeros(len(tags))])
-    gmsh.model.mesh.addNodes(2, entities[0], tags, points.ravel())
-    for number, ((dim, name, nodes), entity) in enumerate(zip(groups, entities, strict=True), 1):
-        kind = _TYPES[dim, nodes.shape[1]]
-        gmsh.model.mesh.addElementsByType(entity, kind, [], nodes.ravel() + 1)
-        gmsh.model.addPhysicalGroup(dim, [entity], number, name)

@@ -44,7 +44,7 @@ class Block:
     Args:
         sectors: both halves of the dam, by side.
         depth: extent below the base and beyond the widest part of the dam on both banks [m].
-        spread: extent upstream and downstream of the dam [m]; None for the depth, 0 for a saddle.
+        spread: extent upstream and downstream of the dam [m]; 0 for a saddle.
         size: size of the cells at the dam [m].
 
     Raises:
@@ -53,49 +53,32 @@ class Block:
 
     sectors: dict[int, Sector]
     depth: float
-    spread: float | None
+    spread: float
     size: float
 
     def __post_init__(self) -> None:
         height = self.sectors[1].dam.height
         turn = float(np.degrees(max(s.half_angle for s in self.sectors.values())))
         deepest = (_MAX_TURN / turn - 1) * height
-        if self.reach == 0 and self.depth > deepest:
+        if self.spread == 0 and self.depth > deepest:
             raise ValueError(
                 f"foundation is {self.depth!r}, but with spread 0 and a crest of {turn:.4g} "
                 f"degrees to one side it must be at most {deepest:.4g} m; otherwise its ends meet "
                 "downstream."
             )
-        if self.reach > 0 and min(self.depth, self.reach) < height:
+        if self.spread > 0 and min(self.depth, self.spread) < height:
             warn(
-                f"The foundation extends {min(self.depth, self.reach):g} m beyond the dam, but "
+                f"The foundation extends {min(self.depth, self.spread):g} m beyond the dam, but "
                 f"usually by at least its height of {height:g} m; 0 as spread makes a saddle.",
                 PlausibilityWarning,
             )
-
-    @property
-    def reach(self) -> float:
-        """Extent of the block upstream and downstream of the dam [m]."""
-        return float(self.depth if self.spread is None else self.spread)
 
     @cached_property
     def ends(self) -> FloatArray:
         """Coordinates x of the upstream and the downstream end of the block, shape (2,), [m]."""
         s, ta, zeta = np.ix_(np.linspace(0, 1, 41), [0.0, 1.0], np.linspace(0, 1, 201))
         x = [sector.dam.point(s, ta, zeta)[..., 0] for sector in self.sectors.values()]
-        return np.array([np.min(x) - self.reach, np.max(x) + self.reach])
-
-    def factors(self) -> FloatArray:
-        """Return the enlargement factors of the rings, starting from 1."""
-        height = self.sectors[1].dam.height
-        return 1 + self.depth / height * _graded(self.depth, self.size)
-
-    def levels(self, through: FloatArray) -> FloatArray:
-        """Return the relative positions ta of all layers; [-1, 0] and [1, 2] are the block."""
-        if self.reach == 0:
-            return through
-        outside = _graded(self.reach, self.size)[1:]
-        return np.concatenate([-outside[::-1], through, 1 + outside])
+        return np.array([np.min(x) - self.spread, np.max(x) + self.spread])
 
     def place(
         self,
@@ -143,7 +126,7 @@ class Block:
             most = 0.25 * np.abs(high - low) + _MAX_FALL / 4 * np.abs(along.real) / height
             zeta += np.clip(sector.foundation(theta, through) - zeta, -most, most)
         foot = sector.dam.point(sector.across(theta, through, zeta), through, zeta)
-        if self.reach == 0:
+        if self.spread == 0:
             radius = np.hypot(foot[:, 0] - sector.axis, foot[:, 1])
             x = sector.axis - radius * np.cos(factor * theta)
             z = height - factor * (height - foot[:, 2])
@@ -198,7 +181,9 @@ def ground_ring(plane: PlaneMesh, block: Block, cell: str) -> PlaneMesh:
     nodes, local = np.unique(ground, return_inverse=True)
     local = local.reshape(-1, 2)
     top = plane.points[:, 1].max()
-    foot, factors = plane.points[nodes], block.factors()
+    foot, factors = plane.points[nodes], 1 + block.depth / top * _graded(block.depth, block.size)
+    angle = np.arctan2(foot[:, 0], top - foot[:, 1])
+    local = np.take_along_axis(local, np.argsort(-angle[local], axis=1), axis=1)
     rings = [nodes]
     points = [plane.points]
     for ring, factor in enumerate(factors[1:]):
@@ -209,21 +194,12 @@ def ground_ring(plane: PlaneMesh, block: Block, cell: str) -> PlaneMesh:
     quads = np.concatenate(
         [np.hstack([inner[local], outer[local][:, ::-1]]) for inner, outer in pairwise(rings)]
     )
-    quads = _counter_clockwise(all_points, quads)
     ends = np.flatnonzero(foot[:, 1] == top)
     rim = [np.column_stack([i[ends], o[ends]]) for i, o in pairwise(rings)]
     edges = {k: v for k, v in plane.edges.items() if k not in ("base", "abutments")}
     edges |= {"ground": ground, "outer": rings[-1][local], "rim": np.concatenate(rim)}
     ring_cells = split_quadrilaterals(all_points, quads) if cell == "tet" else quads
     return PlaneMesh(all_points, {**plane.cells, "foundation": ring_cells}, edges)
-
-
-def _counter_clockwise(points: FloatArray, quads: IntArray) -> IntArray:
-    """Return the quadrilaterals with the clockwise ones reversed."""
-    p = points[quads]
-    diagonal, other_diagonal = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
-    clockwise = diagonal[:, 0] * other_diagonal[:, 1] - diagonal[:, 1] * other_diagonal[:, 0] < 0
-    return np.where(clockwise[:, None], quads[:, ::-1], quads)
 
 
 def solid_with_foundation(
@@ -237,7 +213,10 @@ def solid_with_foundation(
         block: the block.
         contact: name of the surface between dam and block.
     """
-    levels = block.levels(through)
+    levels = through
+    if block.spread > 0:
+        outside = _graded(block.spread, block.size)[1:]
+        levels = np.concatenate([-outside[::-1], through, 1 + outside])
     before = (len(levels) - len(through)) // 2
     shift = before * len(plane.points)
     concrete, rock = plane.cells["concrete"], plane.cells["foundation"]

@@ -282,10 +282,9 @@ def _joints(
         if frozenset(pair) in touching
     }
     allowed = ", ".join(" and ".join(p) for p in combinations(volumes, 2) if frozenset(p) in names)
-    given_pairs = [*((f"Joint {name!r}", pair) for name, pair in joints.items())]
-    given_pairs += [("A tied pair", pair) for pair in tied]
+    given = [(f"Joint {name!r}", pair, name) for name, pair in joints.items()]
     checked_pairs: set[frozenset[str]] = set()
-    for subject, pair in given_pairs:
+    for subject, pair, name in [*given, *(("A tied pair", pair, None) for pair in tied)]:
         if isinstance(pair, str) or len(pair) != 2:
             raise ValueError(f"{subject} is {pair!r}, but it must be a pair of names.")
         if frozenset(pair) not in touching:
@@ -296,11 +295,11 @@ def _joints(
         if frozenset(pair) in checked_pairs:
             raise ValueError(f"{subject} is between {' and '.join(pair)}, which are given twice.")
         checked_pairs.add(frozenset(pair))
-    for name, pair in joints.items():
-        check_word("A joint", name)
-        names[frozenset(pair)] = name
-    for pair in tied:
-        del names[frozenset(pair)]
+        if name is None:
+            del names[frozenset(pair)]
+        else:
+            check_word("A joint", name)
+            names[frozenset(pair)] = name
     if len(set(names.values())) < len(names):
         raise ValueError(f"Two joints have the same name: {', '.join(sorted(names.values()))}.")
     return {f"joint_{name}": touching[sides] for sides, name in names.items()}

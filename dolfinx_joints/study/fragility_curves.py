@@ -59,8 +59,7 @@ class Fragility(Summarised):
 
     def _score(self, intensity: ArrayLike) -> Floats:
         """Return z = ln(IM / median) / dispersion."""
-        logarithm = np.log(np.asarray(intensity, dtype=np.float64) / self.median)
-        return np.asarray(logarithm / self.dispersion)
+        return np.log(np.asarray(intensity, dtype=np.float64) / self.median) / self.dispersion
 
     def _covariance(self) -> Floats:
         """Return the covariance of a and b in P = Phi(a + b z), at a = 0 and b = 1, (2, 2)."""
@@ -78,7 +77,7 @@ class Fragility(Summarised):
     def row(self) -> dict[str, Any]:
         """Return the limit, the numbers of runs, the fit and its intervals, as a row of a table."""
         z, share = self._score(self.intensity), self.exceeded
-        constant = np.full_like(z, ndtri(share.mean()))
+        constant = ndtri(share.mean()) * np.ones_like(z)
         # The band contains 0.5 where z^2 <= (_NORMAL error)^2; everywhere if b may be zero.
         (a, b), (_, slope) = _NORMAL**2 * self._covariance()
         ends = np.array([-np.inf, np.inf])
@@ -182,16 +181,9 @@ def fragility(
     elif yes.min() >= no.max():
         exceeding = f"every run above {no.max():.4g} and in no run below"
     elif (share - share.mean()) @ np.log(x) > 1e-9:  # else the most likely dispersion is infinite
-        return Fragility(
-            **_fitted(x, share),
-            intensity=x,
-            exceeded=share,
-            limit=limit,
-            response_name=response_name,
-            intensity_name=intensity_name,
-            failed=failed,
-            left_out=int(np.sum(~known)),
-        )
+        names = {"response_name": response_name, "intensity_name": intensity_name}
+        counts = {"failed": failed, "left_out": int(np.sum(~known))}
+        return _fitted(x, share, limit=limit, **names, **counts)
     else:
         raise ValueError(
             "The limit is not exceeded more often at higher intensities: add motions or scalings, "
@@ -208,8 +200,8 @@ def _misfit(z: Floats, share: Floats) -> float:
     return -float(share @ log_ndtr(z) + (1.0 - share) @ log_ndtr(-z))
 
 
-def _fitted(x: Floats, share: Floats) -> dict[str, float]:
-    """Return ``median`` and ``dispersion`` of the curve with maximum likelihood."""
+def _fitted(x: Floats, share: Floats, **given: Any) -> Fragility:
+    """Return the curve with maximum likelihood."""
     from scipy.optimize import minimize
 
     logarithm = np.log(x)
@@ -221,4 +213,5 @@ def _fitted(x: Floats, share: Floats) -> dict[str, float]:
     limits = {"xatol": 1e-10, "fatol": 1e-13}
     level, slope = minimize(misfit, [0.0, 1.0], method="Nelder-Mead", options=limits).x
     dispersion = float(width / slope)
-    return {"median": float(np.exp(middle - level * dispersion)), "dispersion": dispersion}
+    median = float(np.exp(middle - level * dispersion))
+    return Fragility(median=median, dispersion=dispersion, intensity=x, exceeded=share, **given)

@@ -19,10 +19,17 @@ from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.common.progress import LOGGER
 from dolfinx_joints.geometry.meshing.arguments import mesh_path
-from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray, IntArray, SolidMesh
+from dolfinx_joints.geometry.meshing.extrusion import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    PlaneMesh,
+    SolidMesh,
+)
 from dolfinx_joints.mesh.reading.gmsh_syntax import check_msh
 
 Placement = Callable[[FloatArray, dict[str, BoolArray]], FloatArray]
+Section = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
 # Gmsh's element types by dimension and number of nodes.
 _TYPES = {(3, 8): 5, (3, 4): 4, (2, 4): 3, (2, 3): 2, (1, 2): 1}
@@ -176,7 +183,7 @@ def write_mesh(
     """
     path = mesh_path(out)
     with gmsh_session():
-        entities = add_mesh(solid.points, solid.cells, solid.facets, 3)
+        entities = _add_mesh(solid.points, solid.cells, solid.facets, 3)
         raise_order(order)
         if place is not None:
             _move_nodes(place, {name: entities[name] for name in solid.facets})
@@ -190,7 +197,45 @@ def write_mesh(
     return path
 
 
-def add_mesh(
+def write_plane(
+    out: str | os.PathLike[str],
+    plane: PlaneMesh,
+    order: int,
+    *,
+    section: Section | None = None,
+    gui: bool = False,
+    duplicated: bool = False,
+) -> Path:
+    """Raise the order of a plane mesh, move nodes to their exact positions and write the file.
+
+    Args:
+        out: path of the .msh file.
+        plane: mesh of order 1, in (x, y) or in the reference coordinates of ``section``.
+        order: order of the elements, 1 or 2.
+        section: map from the reference coordinates (p, q) of all nodes to (x, y) [m]; None if the
+            mesh already has its final coordinates and straight edges.
+        gui: show the mesh in Gmsh's window afterwards.
+        duplicated: duplicate the joint faces.
+
+    Raises:
+        ValueError: if the name does not end in ".msh", its folder does not exist, or the file
+            cannot be written.
+    """
+    path = mesh_path(out)
+    with gmsh_session():
+        points = np.column_stack([plane.points, np.zeros(len(plane.points))])
+        _add_mesh(points, plane.cells, plane.edges, 2)
+        raise_order(order)
+        if section is not None:
+            tags, reference, _ = gmsh.model.mesh.getNodes()
+            p, q, _ = reference.reshape(-1, 3).T
+            for tag, x, y in zip(tags, *section(p, q), strict=True):
+                gmsh.model.mesh.setNode(tag, [x, y, 0.0], [])
+        save(path, gui, duplicated)
+    return path
+
+
+def _add_mesh(
     points: FloatArray, cells: dict[str, IntArray], facets: dict[str, IntArray], dim: int
 ) -> dict[str, int]:
     """Add named cells and facets to the current model as discrete entities; return their tags."""
@@ -280,17 +325,12 @@ def _report() -> MeshReport:
         for entity in entities:
             (kind,), (cells,), _ = gmsh.model.mesh.getElements(3, entity)
             num_cells += len(cells)
-            volume[name] += _volume(kind, entity)
+            points, weights = gmsh.model.mesh.getIntegrationPoints(kind, "Gauss6")
+            _, determinants, _ = gmsh.model.mesh.getJacobians(kind, points, entity)
+            volume[name] += float((determinants.reshape(-1, weights.size) @ weights).sum())
             least = float(np.minimum(least, scaled_jacobians(kind, entity).min()))  # NaN stays
     num_nodes = len(gmsh.model.mesh.getNodes()[0])
     return MeshReport(_NAMES[kind], num_nodes, num_cells, facets, least, volume)
-
-
-def _volume(kind: int, entity: int) -> float:
-    """Return the volume of the cells of an entity of the current model [m^3]."""
-    points, weights = gmsh.model.mesh.getIntegrationPoints(kind, "Gauss6")
-    _, determinants, _ = gmsh.model.mesh.getJacobians(kind, points, entity)
-    return float((determinants.reshape(-1, weights.size) @ weights).sum())
 
 
 def scaled_jacobians(kind: int, entity: int) -> FloatArray:

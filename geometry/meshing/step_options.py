@@ -19,6 +19,7 @@ Where = tuple[str, float | str] | Sequence[float] | str
 
 UNNAMED_SURFACE = "outside"
 _NEAR = 1e-4  # largest distance of a point from its face, relative to the body's extent
+_AXES = ("x", "y", "z")
 _DIRECTIONS = ("+x", "-x", "+y", "-y", "+z", "-z")
 FARTHEST = 1e9  # limit of coordinates [m]; in a STEP file, in the unit of the file
 
@@ -99,13 +100,11 @@ def outer_surfaces(
     for name, where in surfaces.items():
         check_word("A surface", name)
         faces, failure = _search(where, [f for f in solid_of if f not in named], solid_of, labels)
-        if not faces:
-            raise ValueError(f"The surface {name!r} is at {failure}.")
         if taken := [face for face in faces if face in named]:
-            first = named[taken[0]]
-            raise ValueError(
-                f"The surface {name!r} is at {shown(where)}, but this face is already {first!r}."
-            )
+            faces, failure = [], f"this face is already {named[taken[0]]!r}"
+        if not faces:
+            place = "=".join(map(str, where)) if _is_at_axis(where, _AXES) else shown(where)
+            raise ValueError(f"The surface {name!r} is at {place}, but {failure}.")
         named |= dict.fromkeys(faces, name)
     groups: dict[str, list[int]] = {}
     for face in solid_of:
@@ -123,32 +122,31 @@ def _search(
     near = _NEAR * float(np.max(high - low))
     if isinstance(where, str):
         known = ", ".join(sorted(set(labels.values()) - {""})) or "none"
-        failure = f"{shown(where)}, but no outer face has this name; names in the file: {known}"
-        return [face for face in solid_of if labels.get(face) == where], failure
-    if _is_at_axis(where, ("x", "y", "z")):
-        (axis, value), k = where, "xyz".index(str(where[0]))
+        faces = [face for face in solid_of if labels.get(face) == where]
+        return faces, f"no outer face has this name; names in the file: {known}"
+    if _is_at_axis(where, _AXES):
+        k, value = _AXES.index(str(where[0])), where[1]
         level = float({"min": low[k], "max": high[k]}.get(str(value), value))
         return [f for f in unnamed if np.abs(box[f][:, k] - level).max() < 1e-2 * near], (
-            f"{axis}={value}, but no unnamed outer face lies in that plane; the body reaches from "
-            f"{axis} = {low[k]:.6g} to {high[k]:.6g} m"
+            f"no unnamed outer face lies in that plane; the body reaches from {where[0]} = "
+            f"{low[k]:.6g} to {high[k]:.6g} m"
         )
     if _is_at_axis(where, _DIRECTIONS) and real(where[1]) > 0:
         angle = {face: _angle(face, solid_of[face], str(where[0]), near) for face in unnamed}
-        failure = f"{shown(where)}, but no mean normal of an unnamed outer face is within the angle"
-        return [face for face in unnamed if angle[face] <= real(where[1])], failure
+        faces = [face for face in unnamed if angle[face] <= real(where[1])]
+        return faces, "no mean normal of an unnamed outer face is within the angle"
     if not is_point(where):
         return [], (
-            f"{shown(where)}, but it must be x, y or z at a number, 'min' or 'max'; a direction "
-            "such as '-x' with an angle; a point (x, y, z); or the name of a face in the file"
+            "it must be x, y or z at a number, 'min' or 'max'; a direction such as '-x' with an "
+            "angle; a point (x, y, z); or the name of a face in the file"
         )
     tag = gmsh.model.occ.addPoint(*map(float, where))
     distance = {face: gmsh.model.occ.getDistance(0, tag, 2, face)[0] for face in solid_of}
     gmsh.model.occ.remove([(0, tag)])
     faces = [face for face in solid_of if distance[face] < near]
     if len(faces) > 1:
-        return [], f"{shown(where)}, but {len(faces)} outer faces meet there; move it into one face"
-    nearest = min(distance.values())
-    return faces, f"{shown(where)}, but the nearest outer face is at a distance of {nearest:.3g} m"
+        return [], f"{len(faces)} outer faces meet there; move it into one face"
+    return faces, f"the nearest outer face is at a distance of {min(distance.values()):.3g} m"
 
 
 def _angle(face: int, solid: int, direction: str, step: float) -> float:

@@ -15,7 +15,6 @@ dam: each node has the same distance from the axis of the crest's arch as its im
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -72,13 +71,6 @@ class Block:
                 f"usually by at least its height of {height:g} m; 0 as spread makes a saddle.",
                 PlausibilityWarning,
             )
-
-    @cached_property
-    def ends(self) -> FloatArray:
-        """Coordinates x of the upstream and the downstream end of the block, shape (2,), [m]."""
-        s, ta, zeta = np.ix_(np.linspace(0, 1, 41), [0.0, 1.0], np.linspace(0, 1, 201))
-        x = [sector.dam.point(s, ta, zeta)[..., 0] for sector in self.sectors.values()]
-        return np.array([np.min(x) - self.spread, np.max(x) + self.spread])
 
     def place(
         self,
@@ -149,8 +141,8 @@ class Block:
         while q increases. The bisection finds the l of the outline.
         """
         height = sector.dam.height
-        abutment = sector.dam.point(1.0, [[0.0], [1.0]], np.linspace(0, 1, 201))
-        width = float(abutment[..., 1].max())
+        zeta = np.linspace(0, 1, 201)
+        width = float(sector.dam.point(1.0, [[0.0], [1.0]], zeta)[..., 1].max())
         p, q = foot[:, 1] / width, 1 - foot[:, 2] / height
         sides = ((p, width), (q, height))
         low = np.zeros(p.shape)
@@ -160,7 +152,9 @@ class Block:
             distance = np.hypot(*(np.maximum(r * (w + middle) - w, 0) for r, w in sides))
             is_inside = distance < self.depth
             low, high = np.where(is_inside, middle, low), np.where(is_inside, high, middle)
-        end, way = self.ends[(beyond > 0).astype(int)], share * high
+        way, s = share * high, np.linspace(0, 1, 41)[:, None, None]
+        dam = [half.dam.point(s, [[0.0], [1.0]], zeta)[..., 0] for half in self.sectors.values()]
+        end = np.where(beyond > 0, np.max(dam) + self.spread, np.min(dam) - self.spread)
         x = foot[:, 0] + np.abs(beyond) * (end - foot[:, 0])
         return np.column_stack([x, foot[:, 1] + way * p, foot[:, 2] - way * q])
 

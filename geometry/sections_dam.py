@@ -109,9 +109,8 @@ def sections_dam(
     if not isinstance(table, SectionTable):
         table = read_sections(table)
     sectors = {side: Sector(table.half(side)) for side in _SIDES}
-    block = None
-    if foundation is not None:
-        block = Block(sectors, foundation, foundation if spread is None else spread, size)
+    reach = foundation or 0.0 if spread is None else spread
+    block = None if foundation is None else Block(sectors, foundation, reach, size)
     arcs = _joint_arcs(sectors, joints)
     plane = _elevation(sectors, size, cell, arcs, active_height)
     levels = np.linspace(0, 1, layers + 1)

@@ -79,7 +79,7 @@ class Fragility(Summarised):
         z, share = self._score(self.intensity), self.exceeded
         constant = ndtri(share.mean()) * np.ones_like(z)
         # The band contains 0.5 where z^2 <= (_NORMAL error)^2; everywhere if b may be zero.
-        (a, b), (_, slope) = _NORMAL**2 * self._covariance()
+        a, b, _, slope = (_NORMAL**2 * self._covariance()).ravel()
         ends = np.array([-np.inf, np.inf])
         if slope < 1.0:
             ends = (b + np.array([-1.0, 1.0]) * np.sqrt(b**2 + (1.0 - slope) * a)) / (1.0 - slope)
@@ -157,22 +157,23 @@ def fragility(
             not increase with intensity.
     """
     flags = np.asarray(response)
-    x = numbers_of(intensity)
-    share = numbers_of(flags.astype(float) if flags.dtype == bool and limit is None else response)
-    if share is not None and limit is not None:
-        share = np.where(np.isnan(share), np.nan, share > limit)
+    positive = numbers_of(intensity)
+    value = numbers_of(flags.astype(float) if flags.dtype == bool and limit is None else response)
+    if value is not None and limit is not None:
+        value = np.where(np.isnan(value), np.nan, value > limit)
     if (
-        (x is None or share is None or x.ndim != 1 or x.shape != share.shape)
-        or not np.all(x > 0.0)
-        or np.any((share < 0.0) | (share > 1.0))
+        (positive is None or value is None or positive.ndim != 1 or positive.shape != value.shape)
+        or not np.all(positive > 0.0)
+        or np.any((value < 0.0) | (value > 1.0))
     ):
         raise ValueError(
             "fragility needs positive intensities and as many "
             f"{'fractions from 0 to 1' if limit is None else 'responses'}; got "
             f"{shown(intensity)} and {shown(response)}."
         )
-    known = ~np.isnan(share)
-    x, share = x[known], share[known]
+    has_value = ~np.isnan(value)
+    x: Floats = positive[has_value]
+    share: Floats = value[has_value]
     yes, no = x[share > 0.0], x[share < 1.0]
     if not len(yes):
         exceeding = "no run"
@@ -182,7 +183,7 @@ def fragility(
         exceeding = f"every run above {no.max():.4g} and in no run below"
     elif (share - share.mean()) @ np.log(x) > 1e-9:  # else the most likely dispersion is infinite
         names = {"response_name": response_name, "intensity_name": intensity_name}
-        counts = {"failed": failed, "left_out": int(np.sum(~known))}
+        counts = {"failed": failed, "left_out": int(np.sum(~has_value))}
         return _fitted(x, share, limit=limit, **names, **counts)
     else:
         raise ValueError(

@@ -100,8 +100,8 @@ def outer_surfaces(
     for name, where in surfaces.items():
         check_word("A surface", name)
         faces, failure = _search(where, [f for f in solid_of if f not in named], solid_of, labels)
-        if taken := [face for face in faces if face in named]:
-            faces, failure = [], f"this face is already {named[taken[0]]!r}"
+        if renamed := [face for face in faces if face in named]:
+            faces, failure = [], f"this face is already {named[renamed[0]]!r}"
         if not faces:
             place = "=".join(map(str, where)) if _is_at_axis(where, _AXES) else shown(where)
             raise ValueError(f"The surface {name!r} is at {place}, but {failure}.")
@@ -115,15 +115,15 @@ def outer_surfaces(
 def _search(
     where: Where, unnamed: list[int], solid_of: Mapping[int, int], labels: Mapping[int, str]
 ) -> tuple[list[int], str]:
-    """Return the outer faces at a place, and what is wrong if there are none."""
+    """Return the outer faces at a place, and the reason for an empty list."""
     box = {f: np.reshape(gmsh.model.getBoundingBox(2, f), (2, 3)) for f in solid_of}
     limits = np.array(list(box.values()))
     low, high = limits[:, 0].min(axis=0).round(6) + 0.0, limits[:, 1].max(axis=0).round(6) + 0.0
     near = _NEAR * float(np.max(high - low))
     if isinstance(where, str):
-        known = ", ".join(sorted(set(labels.values()) - {""})) or "none"
+        in_file = ", ".join(sorted(set(labels.values()) - {""})) or "none"
         faces = [face for face in solid_of if labels.get(face) == where]
-        return faces, f"no outer face has this name; names in the file: {known}"
+        return faces, f"no outer face has this name; names in the file: {in_file}"
     if _is_at_axis(where, _AXES):
         k, value = _AXES.index(str(where[0])), where[1]
         level = float({"min": low[k], "max": high[k]}.get(str(value), value))

@@ -79,11 +79,11 @@ class Fragility(Summarised):
         z, share = self._score(self.intensity), self.exceeded
         constant = ndtri(share.mean()) * np.ones_like(z)
         # The band contains 0.5 where z^2 <= (_NORMAL error)^2; everywhere if b may be zero.
-        a, b, _, slope = (_NORMAL**2 * self._covariance()).ravel()
+        a, b, _, slope = np.ravel(_NORMAL**2 * self._covariance())
         ends = np.array([-np.inf, np.inf])
         if slope < 1.0:
             ends = (b + np.array([-1.0, 1.0]) * np.sqrt(b**2 + (1.0 - slope) * a)) / (1.0 - slope)
-        low, high = (self.median * np.exp(self.dispersion * ends)).tolist()
+        low, high = map(float, self.median * np.exp(self.dispersion * ends))
         factor = float(np.exp(np.sqrt(slope)))
         return {
             "response": self.response_name,

@@ -134,7 +134,7 @@ def test_solids_of_one_name_are_one_volume(tmp_path, step):
 
 @pytest.fixture(scope="module")
 def arch(tmp_path_factory):
-    """Write two lifts with an arc as upstream face, and a slab on the middle of the downstream face.
+    """Write two lifts with an arc as upstream face, and a slab on their downstream face.
 
     The arc has a radius of 1.25 m about (0.75, 1) and a chord of 2 m at x = 0. Lifts are 1 and 2 m
     high; the downstream face is at x = 4 m. The slab covers it from z = 1.5 to 2 m.

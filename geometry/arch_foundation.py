@@ -4,8 +4,12 @@
 
 In the elevation (a, z) the block lies between the ground and its image, enlarged about the middle
 of the crest. It consists of rings that are enlarged step by step, so that cells grow outwards and
-never fold. In 3-D each node has the same distance from the axis of the crest's arch as its image
-on the ground. Beyond the faces of the dam, the block continues in the radial direction.
+never fold.
+
+In 3-D the valley continues straight upstream and downstream of the dam. In planes x = constant the
+rings move from the ground to an outline at the distance ``depth`` from the rectangle of the dam's
+height and width, so that the banks never meet. Without a spread the block is a saddle under the
+dam: each node has the same distance from the axis of the crest's arch as its image on the ground.
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.geometry.arch import Sector
 from dolfinx_joints.geometry.meshing.extrusion import (
     BoolArray,
@@ -27,7 +32,8 @@ from dolfinx_joints.geometry.meshing.extrusion import (
 )
 
 _GROWTH = 1.5  # ratio of the sizes of neighbouring rings of cells
-_MAX_TURN = 170.0  # [degrees]; the ends of the block must not meet downstream
+_MAX_FALL = 0.5  # slope of the ground towards the abutment in a cell across its edge
+_MAX_TURN = 170.0  # [degrees]; the ends of the saddle must not meet downstream
 
 
 @dataclass(frozen=True)
@@ -36,106 +42,121 @@ class Block:
 
     Args:
         sectors: both halves of the dam, by side.
-        depth: depth below the base [m].
-        spread: extent beyond the faces of the dam [m]; None for the depth.
+        depth: extent below the base and beyond the widest part of the dam on both banks [m].
+        spread: extent upstream and downstream of the dam [m]; 0 for a saddle.
         size: size of the cells at the dam [m].
 
     Raises:
-        ValueError: if a length is not allowed for this dam.
+        ValueError: if a saddle is too deep for this dam.
     """
 
     sectors: dict[int, Sector]
     depth: float
-    spread: float | None
+    spread: float
     size: float
 
     def __post_init__(self) -> None:
-        sector = self.sectors[1]
-        turn = float(np.degrees(max(s.half_angle for s in self.sectors.values())))
-        deepest = (_MAX_TURN / turn - 1) * sector.dam.height
-        if self.depth > deepest:
-            raise ValueError(
-                f"foundation is {self.depth!r}, but with a crest of {turn:.4g} degrees to one side "
-                f"it must be at most {deepest:.4g} m; otherwise its ends meet downstream."
-            )
-        zeta = np.linspace(0, 1, 201)
-        nearest = min(
-            float(np.hypot(p[..., 0] - s.axis, p[..., 1]).min())
-            for s in self.sectors.values()
-            for p in [s.dam.point(np.array([[0.0], [1.0]]), 1.0, zeta)]
-        )
-        if self.reach >= nearest:
-            raise ValueError(
-                f"spread is {self.reach:g} m, but it must be below {nearest:.4g} m, the distance "
-                "of the downstream face from the axis of the crest's arch."
-            )
-
-    @property
-    def reach(self) -> float:
-        """Extent of the block beyond the faces of the dam [m]."""
-        return float(self.depth if self.spread is None else self.spread)
-
-    def factors(self) -> FloatArray:
-        """Return the enlargement factors of the rings, starting from 1."""
         height = self.sectors[1].dam.height
-        return 1 + self.depth / height * _graded(self.depth, self.size)
-
-    def levels(self, through: FloatArray) -> FloatArray:
-        """Return the relative positions ta of all layers; [-1, 0] and [1, 2] are the block."""
-        if self.reach == 0:
-            return through
-        outside = _graded(self.reach, self.size)[1:]
-        return np.concatenate([-outside[::-1], through, 1 + outside])
+        turn = float(np.degrees(max(s.half_angle for s in self.sectors.values())))
+        deepest = (_MAX_TURN / turn - 1) * height
+        if self.spread == 0 and self.depth > deepest:
+            raise ValueError(
+                f"foundation is {self.depth!r}, but with spread 0 and a crest of {turn:.4g} "
+                f"degrees to one side it must be at most {deepest:.4g} m; otherwise its ends meet "
+                "downstream."
+            )
+        if self.spread > 0 and min(self.depth, self.spread) < height:
+            warn(
+                f"The foundation extends {min(self.depth, self.spread):g} m beyond the dam, but "
+                f"usually by at least its height of {height:g} m; 0 as spread makes a saddle.",
+                PlausibilityWarning,
+            )
 
     def place(
-        self, sector: Sector, reference: FloatArray, ground: BoolArray, dam: FloatArray
+        self,
+        sector: Sector,
+        reference: FloatArray,
+        ground: BoolArray,
+        vertices: FloatArray,
+        dam: FloatArray,
     ) -> FloatArray:
         """Return the positions of the nodes, in the block computed from (a >= 0, z, ta).
+
+        A node lies on the ray from the middle of the crest through a point of the ground. The
+        ground has an edge between base and abutment. A midside node near this edge is moved towards
+        the chord of the vertices if the parabola through the three nodes would turn into the rock.
 
         Args:
             sector: half of the dam.
             reference: coordinates (a, z, ta) of all nodes of this half, shape (num_nodes, 3).
             ground: True at nodes on the ground under the dam, shape (num_nodes,).
+            vertices: coordinates (a, z) of the vertices on the ground, shape (num_vertices, 2).
             dam: positions of the nodes of the dam, z from the base, shape (num_nodes, 3), [m].
         """
-        a, z, ta = reference.T
-        factor = np.where(ground, 1.0, self._factor(sector, a, z))
-        in_block = (factor > 1) | (ta < -1e-12) | (ta > 1 + 1e-12)
-        a, z, ta, factor = a[in_block], z[in_block], ta[in_block], factor[in_block]
         height = sector.dam.height
-        theta, through = a / factor / sector.radius, np.clip(ta, 0, 1)
-        if sector.upright:
-            zeta = 1 - (1 - z / height) / factor
-        else:
-            zeta = sector.foundation(theta, through)
+        line = vertices[:, 0] + 1j * (height - vertices[:, 1])
+        line = line[np.argsort(np.angle(line))]
+        node = reference[:, 0] + 1j * (height - reference[:, 1])
+        k = np.clip(np.searchsorted(np.angle(line), np.angle(node)) - 1, 0, len(line) - 2)
+        along = line[k + 1] - line[k]
+        factor = (node.conj() * along).imag / (line[k].conj() * along).imag
+        factor = np.where(ground | (factor < 1 + 1e-9), 1.0, factor)
+        ta = reference[:, 2]
+        in_block = ground | (factor > 1) | (ta < -1e-12) | (ta > 1 + 1e-12)
+        node, k, along, ta, factor = (v[in_block] for v in (node, k, along, ta, factor))
+        image, through = node / factor, np.clip(ta, 0, 1)
+        t, theta = ((image - line[k]) / along).real, image.real / sector.radius
+
+        def level(vertex: IntArray) -> FloatArray:
+            if sector.upright:
+                return 1 - line[vertex].imag / height
+            return sector.foundation(line[vertex].real / sector.radius, through)
+
+        low, high = level(k), level(k + 1)
+        zeta = (1 - t) * low + t * high
+        if not sector.upright:
+            most = 0.25 * np.abs(high - low) + _MAX_FALL / 4 * np.abs(along.real) / height
+            zeta += np.clip(sector.foundation(theta, through) - zeta, -most, most)
         foot = sector.dam.point(sector.across(theta, through, zeta), through, zeta)
-        radius = np.hypot(foot[:, 0] - sector.axis, foot[:, 1]) - self.reach * (ta - through)
-        angle = factor * theta
-        top = height - factor * (height - foot[:, 2])
-        top = np.where(np.abs(z - height) < 1e-9 * height, height, top)
+        if self.spread == 0:
+            radius = np.hypot(foot[:, 0] - sector.axis, foot[:, 1])
+            x = sector.axis - radius * np.cos(factor * theta)
+            z = height - factor * (height - foot[:, 2])
+            moved = np.column_stack([x, radius * np.sin(factor * theta), z])
+        else:
+            share = (factor - 1) * height / self.depth
+            moved = self._moved(sector, foot, share, ta - through)
+        moved[np.abs(node.imag) < 1e-9 * height, 2] = height
         xyz = dam.copy()
-        x = sector.axis - radius * np.cos(angle)
-        xyz[in_block] = np.column_stack([x, radius * np.sin(angle), top])
+        xyz[in_block] = moved
         return xyz
 
-    def _factor(self, sector: Sector, a: FloatArray, z: FloatArray) -> FloatArray:
-        """Return the enlargement factor of each point by bisection, 1 inside the dam, (n,)."""
-        height, end = sector.dam.height, sector.radius * sector.half_angle
+    def _moved(
+        self, sector: Sector, foot: FloatArray, share: FloatArray, beyond: FloatArray
+    ) -> FloatArray:
+        """Return ground points moved by shares of the ways to the outline and beyond the faces.
 
-        def inside(factor: FloatArray) -> BoolArray:
-            zeta = 1 - (1 - z / height) / factor
-            across = a / factor
-            limit = sector.radius * sector.abutment_angle(0.5, np.clip(zeta, 0, 1))
-            slack = 1e-12 * end
-            return (zeta >= -1e-12) & (across <= limit + slack) & (across <= end + slack)
-
-        low, high = np.ones(a.shape), np.full(a.shape, 2 * float(self.factors()[-1]))
-        inside_dam = inside(low)
+        With p = y / width and q = (height - z) / height, a point moves by l (p, -q) in (y, z).
+        Lines of different points do not cross, because p decreases from the crest to the base
+        while q increases. The bisection finds the l of the outline.
+        """
+        height = sector.dam.height
+        zeta = np.linspace(0, 1, 201)
+        width = float(sector.dam.point(1.0, [[0.0], [1.0]], zeta)[..., 1].max())
+        p, q = foot[:, 1] / width, 1 - foot[:, 2] / height
+        sides = ((p, width), (q, height))
+        low = np.zeros(p.shape)
+        high = np.min([(self.depth + w) / np.maximum(r, 1e-9) - w for r, w in sides], axis=0)
         for _ in range(60):
             middle = 0.5 * (low + high)
-            is_inside = inside(middle)
-            low, high = np.where(is_inside, low, middle), np.where(is_inside, middle, high)
-        return np.where(inside_dam, 1.0, high)
+            distance = np.hypot(*(np.maximum(r * (w + middle) - w, 0) for r, w in sides))
+            is_inside = distance < self.depth
+            low, high = np.where(is_inside, middle, low), np.where(is_inside, high, middle)
+        way, s = share * high, np.linspace(0, 1, 41)[:, None, None]
+        dam = [half.dam.point(s, [[0.0], [1.0]], zeta)[..., 0] for half in self.sectors.values()]
+        end = np.where(beyond > 0, np.max(dam) + self.spread, np.min(dam) - self.spread)
+        x = foot[:, 0] + np.abs(beyond) * (end - foot[:, 0])
+        return np.column_stack([x, foot[:, 1] + way * p, foot[:, 2] - way * q])
 
 
 def _graded(length: float, first: float) -> FloatArray:
@@ -154,7 +175,9 @@ def ground_ring(plane: PlaneMesh, block: Block, cell: str) -> PlaneMesh:
     nodes, local = np.unique(ground, return_inverse=True)
     local = local.reshape(-1, 2)
     top = plane.points[:, 1].max()
-    foot, factors = plane.points[nodes], block.factors()
+    foot, factors = plane.points[nodes], 1 + block.depth / top * _graded(block.depth, block.size)
+    angle = np.arctan2(foot[:, 0], top - foot[:, 1])
+    local = np.take_along_axis(local, np.argsort(-angle[local], axis=1), axis=1)
     rings = [nodes]
     points = [plane.points]
     for ring, factor in enumerate(factors[1:]):
@@ -165,21 +188,12 @@ def ground_ring(plane: PlaneMesh, block: Block, cell: str) -> PlaneMesh:
     quads = np.concatenate(
         [np.hstack([inner[local], outer[local][:, ::-1]]) for inner, outer in pairwise(rings)]
     )
-    quads = _counter_clockwise(all_points, quads)
     ends = np.flatnonzero(foot[:, 1] == top)
     rim = [np.column_stack([i[ends], o[ends]]) for i, o in pairwise(rings)]
     edges = {k: v for k, v in plane.edges.items() if k not in ("base", "abutments")}
     edges |= {"ground": ground, "outer": rings[-1][local], "rim": np.concatenate(rim)}
     ring_cells = split_quadrilaterals(all_points, quads) if cell == "tet" else quads
     return PlaneMesh(all_points, {**plane.cells, "foundation": ring_cells}, edges)
-
-
-def _counter_clockwise(points: FloatArray, quads: IntArray) -> IntArray:
-    """Return the quadrilaterals with the clockwise ones reversed."""
-    p = points[quads]
-    diagonal, other_diagonal = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
-    clockwise = diagonal[:, 0] * other_diagonal[:, 1] - diagonal[:, 1] * other_diagonal[:, 0] < 0
-    return np.where(clockwise[:, None], quads[:, ::-1], quads)
 
 
 def solid_with_foundation(
@@ -193,7 +207,10 @@ def solid_with_foundation(
         block: the block.
         contact: name of the surface between dam and block.
     """
-    levels = block.levels(through)
+    levels = through
+    if block.spread > 0:
+        outside = _graded(block.spread, block.size)[1:]
+        levels = np.concatenate([-outside[::-1], through, 1 + outside])
     before = (len(levels) - len(through)) // 2
     shift = before * len(plane.points)
     concrete, rock = plane.cells["concrete"], plane.cells["foundation"]

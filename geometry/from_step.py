@@ -26,16 +26,15 @@ from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import Length, Order, check_fine, mesh_path
-from dolfinx_joints.geometry.meshing.step_file import check_step_file
+from dolfinx_joints.geometry.meshing.step_file import check_step_file, face_names
 from dolfinx_joints.geometry.meshing.step_options import (
-    UNNAMED_SURFACE,
-    Plane,
+    Where,
     check_word,
-    is_plane,
     is_point,
     named_pair,
-    named_plane,
     named_point,
+    named_where,
+    outer_surfaces,
     pair_of,
 )
 
@@ -57,7 +56,7 @@ def from_step(
     solids: Mapping[str, Sequence[float]] | None = None,
     joints: Mapping[str, tuple[str, str]] | None = None,
     tied: Sequence[tuple[str, str]] = (),
-    surfaces: Mapping[str, Plane] | None = None,
+    surfaces: Mapping[str, Where] | None = None,
     gui: bool = False,
     duplicated: bool = False,
 ) -> Path:
@@ -77,7 +76,10 @@ def from_step(
         solids: names with a point (x, y, z) inside the solid [m]; they replace names in the file.
         joints: other names of joints; NAME: (A, B) makes the group ``joint_NAME``.
         tied: pairs (A, B) of volumes that are connected without a joint.
-        surfaces: names of outer faces, with the plane that contains them.
+        surfaces: names of outer faces, with the plane that contains them such as ("z", "min") or
+            ("x", 3.0), a direction and the largest angle to their mean outward normals such as
+            ("-x", 40.0) [degrees], a point (x, y, z) on one face [m], or the name of a face in the
+            file.
         gui: show the mesh in Gmsh's window afterwards.
         duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 
@@ -95,6 +97,8 @@ def from_step(
     gmsh_model.check_window(gui)
     step = Path(step)
     described = check_step_file(step)
+    has_names = any(isinstance(where, str) for where in (surfaces or {}).values())
+    labels = face_names(step) if has_names else []
     with gmsh_model.gmsh_session():
         unit = gmsh.option.getString("Geometry.OCCTargetUnit")
         numbers = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
@@ -105,10 +109,12 @@ def from_step(
             gmsh.option.setNumber(name, value)
         gmsh.option.setNumber("Mesh.SecondOrderLinear", 0)  # move nodes to the curved faces
         try:
-            volumes = _volumes(_import(step, described, size, solids or {}), solids or {})
+            owner, face_of = _import(step, described, size, solids or {}, labels)
+            volumes = {name: [t for t in owner if owner[t] == name] for name in owner.values()}
             _warn_of_gaps(step, volumes)
             faces = _joints(volumes, joints or {}, tied)
-            outer = _surfaces(volumes, surfaces or {})
+            solid_of = {f: tag for tag in owner for f in _faces(tag) if len(_sides(f)) == 1}
+            outer = outer_surfaces(solid_of, surfaces or {}, face_of)
             if shared := sorted(set(faces) & set(outer)):
                 raise ValueError(f"A joint and a surface have the same name: {shared[0]!r}.")
             faces |= outer
@@ -124,9 +130,16 @@ def from_step(
 
 
 def _import(
-    step: Path, described: int, size: float, solids: Mapping[str, Sequence[float]]
-) -> dict[int, str]:
-    """Import the solids and cut them at their common faces; return their names by tag."""
+    step: Path,
+    described: int,
+    size: float,
+    solids: Mapping[str, Sequence[float]],
+    labels: Sequence[str],
+) -> tuple[dict[int, str], dict[int, str]]:
+    """Import the solids and cut them at their common faces; return their names by tag.
+
+    With names of the faces of all solids, the second value is the name of each face after the cut.
+    """
     names = []
     for number, (_, label) in enumerate(_read(step, described, scale=1.0), start=1):
         name = re.sub(r"\W+", "_", label).strip("_")
@@ -135,19 +148,23 @@ def _import(
     gmsh.model.occ.synchronize()
     # Gmsh drops the names if it scales the shapes.
     tags = [tag for tag, _ in _read(step, described, scale=1e-3)]
-    for name, point in solids.items():  # messages use the user's names of the solids
-        for place, tag in enumerate(tags if is_point(point) else ()):
-            if gmsh.model.isInside(3, tag, list(map(float, point))):
-                names[place] = name
+    for name, point in solids.items():
+        names[_solid_around(name, point, tags)] = name
     extent = _extent(step, size)
-    if len(tags) == 1:
-        return {tags[0]: names[0]}
-    gmsh.option.setNumber(_FUZZY, JOINED * extent)
     pieces = [(3, tag) for tag in tags]
-    _, children = gmsh.model.occ.fragment(pieces[:1], pieces[1:])
+    pieces += [(2, face) for tag in tags for face in (_faces(tag) if labels else ())]
+    if labels and len(pieces) != len(tags) + len(labels):
+        raise ValueError(
+            f"{step} describes {len(labels)} faces of solids, of which {len(pieces) - len(tags)} "
+            "were built; name surfaces by points or directions."
+        )
+    gmsh.option.setNumber(_FUZZY, JOINED * extent)
+    children = [[piece] for piece in pieces]
+    if len(tags) > 1:
+        _, children = gmsh.model.occ.fragment(pieces[:1], pieces[1:])
     gmsh.model.occ.synchronize()
     owner: dict[int, str] = {}
-    for name, parts in zip(names, children, strict=True):
+    for name, parts in zip(names, children[: len(tags)], strict=True):
         for dim, tag in parts:
             if dim == 3 and tag in owner:
                 shared = gmsh.model.occ.getMass(3, tag)
@@ -156,7 +173,7 @@ def _import(
                     "but solids may only touch."
                 )
             owner[tag] = name
-    for tag, name in owner.items():
+    for tag, name in owner.items() if len(tags) > 1 else ():
         if not any(len(_sides(face)) == 2 for face in _faces(tag)):
             others = [other for other in owner if other != tag]
             gap, other = min((gmsh.model.occ.getDistance(3, tag, 3, o)[0], o) for o in others)
@@ -164,7 +181,8 @@ def _import(
                 f"{step}: the solid {name!r} shares no face with another solid; {owner[other]!r} "
                 f"is {gap:.3g} m away; close the gap, or mesh each solid separately."
             )
-    return owner
+    named = zip(labels, children[len(tags) :], strict=True)
+    return owner, {face: label for label, parts in named for _, face in parts}
 
 
 def _read(step: Path, described: int, scale: float) -> list[tuple[int, str]]:
@@ -229,26 +247,21 @@ def _warn_of_gaps(step: Path, volumes: dict[str, list[int]]) -> None:
             )
 
 
-def _volumes(owner: dict[int, str], solids: Mapping[str, Sequence[float]]) -> dict[str, list[int]]:
-    """Return the tags of each volume group."""
-    named = dict(owner)
-    for name, point in solids.items():
-        check_word("A solid", name)
-        if not is_point(point):
-            raise ValueError(
-                f"The solid {shown(name)} is at {shown(point)}, but the point must be (x, y, z)."
-            )
-        hits = [tag for tag in owner if gmsh.model.isInside(3, tag, list(map(float, point)))]
-        if len(hits) != 1:
-            raise ValueError(
-                f"{len(hits)} solids contain the point {tuple(point)} of {name!r}, but the point "
-                "must be inside exactly one solid."
-            )
-        named[hits[0]] = name
-    groups: dict[str, list[int]] = {}
-    for tag, name in named.items():
-        groups.setdefault(name, []).append(tag)
-    return groups
+def _solid_around(name: str, point: Sequence[float], tags: Sequence[int]) -> int:
+    """Return the place in ``tags`` of the solid around a point."""
+    check_word("A solid", name)
+    if not is_point(point):
+        raise ValueError(
+            f"The solid {shown(name)} is at {shown(point)}, but the point must be (x, y, z)."
+        )
+    xyz = list(map(float, point))
+    hits = [place for place, tag in enumerate(tags) if gmsh.model.isInside(3, tag, xyz)]
+    if len(hits) != 1:
+        raise ValueError(
+            f"{len(hits)} solids contain the point {tuple(point)} of {name!r}, but the point must "
+            "be inside exactly one solid."
+        )
+    return hits[0]
 
 
 def _joints(
@@ -269,10 +282,9 @@ def _joints(
         if frozenset(pair) in touching
     }
     allowed = ", ".join(" and ".join(p) for p in combinations(volumes, 2) if frozenset(p) in names)
-    given_pairs = [*((f"Joint {name!r}", pair) for name, pair in joints.items())]
-    given_pairs += [("A tied pair", pair) for pair in tied]
+    given = [(f"Joint {name!r}", pair, name) for name, pair in joints.items()]
     checked_pairs: set[frozenset[str]] = set()
-    for subject, pair in given_pairs:
+    for subject, pair, name in [*given, *(("A tied pair", pair, None) for pair in tied)]:
         if isinstance(pair, str) or len(pair) != 2:
             raise ValueError(f"{subject} is {pair!r}, but it must be a pair of names.")
         if frozenset(pair) not in touching:
@@ -283,51 +295,14 @@ def _joints(
         if frozenset(pair) in checked_pairs:
             raise ValueError(f"{subject} is between {' and '.join(pair)}, which are given twice.")
         checked_pairs.add(frozenset(pair))
-    for name, pair in joints.items():
-        check_word("A joint", name)
-        names[frozenset(pair)] = name
-    for pair in tied:
-        del names[frozenset(pair)]
+        if name is None:
+            del names[frozenset(pair)]
+        else:
+            check_word("A joint", name)
+            names[frozenset(pair)] = name
     if len(set(names.values())) < len(names):
         raise ValueError(f"Two joints have the same name: {', '.join(sorted(names.values()))}.")
     return {f"joint_{name}": touching[sides] for sides, name in names.items()}
-
-
-def _surfaces(volumes: dict[str, list[int]], surfaces: Mapping[str, Plane]) -> dict[str, list[int]]:
-    """Return the outer faces of each name; unnamed faces are ``outside``."""
-    outer = {
-        face: np.reshape(gmsh.model.getBoundingBox(2, face), (2, 3))
-        for tags in volumes.values()
-        for tag in tags
-        for face in _faces(tag)
-        if len(_sides(face)) == 1
-    }
-    boxes = np.array(list(outer.values()))
-    low, high = boxes[:, 0].min(axis=0).round(6) + 0.0, boxes[:, 1].max(axis=0).round(6) + 0.0
-    slack = 1e-6 * float(np.max(high - low))
-    unnamed = dict(outer)
-    named = {}
-    for name, plane in surfaces.items():
-        check_word("A surface", name)
-        if not is_plane(plane):
-            raise ValueError(
-                f"The surface {name!r} is at {shown(plane)}, but it must be x, y or z at a number, "
-                "'min' or 'max'."
-            )
-        axis, where = plane
-        k = "xyz".index(axis)
-        value = float({"min": low[k], "max": high[k]}.get(str(where), where))
-        faces = [f for f, box in unnamed.items() if np.abs(box[:, k] - value).max() < slack]
-        if not faces:
-            raise ValueError(
-                f"The surface {name!r} is at {axis}={where}, but no unnamed outer face lies in "
-                f"that plane; the body reaches from {axis} = {low[k]:.6g} to {high[k]:.6g} m."
-            )
-        for face in faces:
-            del unnamed[face]
-        named[name] = faces
-    named[UNNAMED_SURFACE] = [*named.get(UNNAMED_SURFACE, []), *unnamed]
-    return {name: faces for name, faces in named.items() if faces}
 
 
 def _group(dim: int, groups: dict[str, list[int]]) -> None:
@@ -383,7 +358,13 @@ def main(argv: list[str] | None = None) -> None:
         ("solid", named_point, "NAME=X,Y,Z", "name the solid around a point [m]"),
         ("joint", named_pair, "NAME=A,B", "name the joint between two volumes"),
         ("tied", pair_of, "A,B", "no joint between two volumes"),
-        ("surface", named_plane, "NAME:AXIS=VALUE", "name outer faces, e.g. base:z=0 or top:z=max"),
+        (
+            "surface",
+            named_where,
+            "NAME:AXIS=VALUE",
+            "name outer faces, e.g. base:z=0, top:z=max, upstream:-x=40 (mean normal within 40 "
+            "degrees of -x), toe:1,2,3 (a point on it [m]) or crest:FACE (name in the file)",
+        ),
     ):
         parser.add_argument(
             f"--{flag}",

@@ -43,7 +43,6 @@ from dolfinx_joints.geometry.meshing.extrusion import (
     extrude,
     grid,
 )
-from dolfinx_joints.geometry.meshing.plane_mesh import write_plane
 
 Corners = tuple[tuple[float, float], ...]
 
@@ -234,7 +233,9 @@ def gravity_dam(
         return upstream + p / across * (downstream - upstream), z
 
     if width is None:
-        return write_plane(out, plane, order, section=place, gui=gui, duplicated=duplicated)
+        return gmsh_model.write_plane(
+            out, plane, order, section=place, gui=gui, duplicated=duplicated
+        )
 
     def place_solid(reference: FloatArray, _: object) -> FloatArray:
         x, z = place(reference[:, 0], reference[:, 1])

@@ -37,7 +37,6 @@ from dolfinx_joints.geometry.meshing.extrusion import (
     extrude,
     grid,
 )
-from dolfinx_joints.geometry.meshing.plane_mesh import write_plane
 
 
 @checked
@@ -89,7 +88,7 @@ def inclined_crack(
     points = _to_body_axes(plane.points, angle, lean)
     plane = replace(plane, points=points)
     if plane_cell:
-        return write_plane(out, plane, order, gui=gui, duplicated=duplicated)
+        return gmsh_model.write_plane(out, plane, order, gui=gui, duplicated=duplicated)
     thickness = 2.0 * half_length / _cells_along(half_length, size)
     solid = extrude(plane, np.array([0.0, thickness]), ("faces", "faces"))
     return gmsh_model.write_mesh(out, solid, order, gui=gui, duplicated=duplicated)

@@ -71,8 +71,9 @@ def sections_dam(
     Further groups: volume ``concrete``; surfaces ``upstream``, ``downstream``, ``crest``, ``base``
     (the flat bottom) and ``abutments``. With a foundation, ``base`` and ``abutments`` become one
     surface, ``joint_perimetral`` or, without that joint, ``contact``. The volume ``foundation``
-    follows the valley; its outer surface is ``foundation_outer`` (to be supported), its free
-    surface ``foundation_free``. The nodes of the dam lie on the exact shape.
+    is a block around a valley that continues straight upstream and downstream; its outer surface is
+    ``foundation_outer`` (to be supported), its free surface ``foundation_free``. The nodes of the
+    dam lie on the exact shape.
 
     Args:
         out: path of the .msh file.
@@ -84,8 +85,9 @@ def sections_dam(
         joints: number of joints at equal arcs of the crest, or ascending angles of the joints
             [degrees], measured about the axis of the crest's arch from the crown to the left bank.
         active_height: relative height up to which the joints can open, in (0, 1].
-        foundation: depth of the foundation below the base [m]; None for no foundation.
-        spread: extent of the foundation upstream and downstream of the faces [m], by default equal
+        foundation: extent of the foundation below the base and beyond the widest part of the dam on
+            both banks [m], usually at least the height of the dam; None for no foundation.
+        spread: extent of the foundation upstream and downstream of the dam [m], by default equal
             to ``foundation``; 0 gives a saddle as thick as the dam (pulvino).
         perimetral: add a joint between dam and foundation.
         gui: show the mesh in Gmsh's window afterwards.
@@ -107,7 +109,8 @@ def sections_dam(
     if not isinstance(table, SectionTable):
         table = read_sections(table)
     sectors = {side: Sector(table.half(side)) for side in _SIDES}
-    block = None if foundation is None else Block(sectors, foundation, spread, size)
+    reach = foundation or 0.0 if spread is None else spread
+    block = None if foundation is None else Block(sectors, foundation, reach, size)
     arcs = _joint_arcs(sectors, joints)
     plane = _elevation(sectors, size, cell, arcs, active_height)
     levels = np.linspace(0, 1, layers + 1)
@@ -115,6 +118,7 @@ def sections_dam(
         solid = extrude(plane, levels, ("upstream", "downstream"))
     else:
         plane = ground_ring(plane, block, cell)
+        vertices = plane.points[np.unique(plane.edges["ground"])]
         contact = "joint_perimetral" if perimetral else "contact"
         solid = solid_with_foundation(plane, levels, block, contact)
 
@@ -128,7 +132,8 @@ def sections_dam(
             local = reference[half] * [side, 1, 1]
             part = _dam_xyz(sector, local, ground[half], groups["crest"][half], active_height, size)
             if block is not None:
-                part = block.place(sector, local, ground[half], part)
+                line = vertices[side * vertices[:, 0] >= 0] * [side, 1]
+                part = block.place(sector, local, ground[half], line, part)
             xyz[half] = part * [1, side, 1]
         return xyz + np.array([0.0, 0.0, table.base])
 
@@ -203,21 +208,13 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("table", type=Path, help="CSV file of the sections")
     parser.add_argument("--layers", type=int, default=1, help="elements through the thickness")
     parser.add_argument("--joints", type=int, default=9, help="number of joints")
-    parser.add_argument(
-        "--joint-angles", type=float, nargs="+", help="joint angles [degrees], instead of --joints"
-    )
+    angles = "joint angles [degrees], instead of --joints"
+    parser.add_argument("--joint-angles", dest="joints", type=float, nargs="+", help=angles)
     parser.add_argument("--active-height", type=float, default=1.0, help="relative joint height")
-    parser.add_argument("--foundation", type=float, help="depth of a foundation block [m]")
-    parser.add_argument("--spread", type=float, help="extent of the block beyond the faces [m]")
+    parser.add_argument("--foundation", type=float, help="extent of a foundation block [m]")
+    parser.add_argument("--spread", type=float, help="its extent along the valley [m]")
     parser.add_argument("--perimetral", action="store_true", help="joint between dam and block")
-
-    def model(out: Path, **options: object) -> Path:
-        angles = options.pop("joint_angles")
-        if angles is not None:
-            options["joints"] = angles
-        return sections_dam(out, **options)  # type: ignore[arg-type]
-
-    gmsh_model.run_script(parser, model, argv)
+    gmsh_model.run_script(parser, sections_dam, argv)
 
 
 if __name__ == "__main__":

@@ -38,7 +38,6 @@ from dolfinx_joints.geometry.meshing.extrusion import (
     extrude,
     grid,
 )
-from dolfinx_joints.geometry.meshing.plane_mesh import write_plane
 
 
 @checked
@@ -115,7 +114,9 @@ def voussoir_arch(
         return r * np.sin(angle), r * np.cos(angle)
 
     if width is None:
-        return write_plane(out, plane, order, section=section, gui=gui, duplicated=duplicated)
+        return gmsh_model.write_plane(
+            out, plane, order, section=section, gui=gui, duplicated=duplicated
+        )
 
     def place(reference: FloatArray, _: object) -> FloatArray:
         x, z = section(reference[:, 0], reference[:, 1])

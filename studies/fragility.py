@@ -18,6 +18,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+import numpy as np
+
 import dolfinx_joints as dj
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.common.mpi import on_root
@@ -56,8 +58,8 @@ def suite_of(case: Case, chosen: dict[str, dj.Motion], folder: Path) -> MotionSu
     return MotionSuite(folder, simulation, chosen, points={CREST: case.points()[CREST]})
 
 
-def show(table: Table, folder: Path, limit: float) -> None:
-    """Print medians and dispersions, write the table as CSV and the figure."""
+def show(table: Table, folder: Path, limit: float, failed: int) -> None:
+    """Print the curves, write the runs and the curves as CSV, and the figure."""
     write_csv(table, folder / "fragility.csv")
     opening = table["opening [m]"]
     exceeded = opening > limit
@@ -65,19 +67,21 @@ def show(table: Table, folder: Path, limit: float) -> None:
         f"openings {1e3 * opening.min():.2f} to {1e3 * opening.max():.2f} mm, "
         f"{exceeded.sum()} of {len(opening)} above {1e3 * limit:g} mm"
     )
-    print(f"{'intensity':<12} {'median':>8}        dispersion")
+    rows = []
     for name, column in INTENSITIES.items():
-        unit = column.partition("[")[2].rstrip("]")
+        unit = column.partition("[")[2].rstrip("]").replace("^2", "²")
+        names = {"response_name": "opening [m]", "intensity_name": f"{name} [{unit}]"}
         try:
-            curve = fragility(table[column], exceeded)
+            curve = fragility(table[column], opening, limit=limit, failed=failed, **names)
         except ValueError as error:
-            print(f"{name:<12} no curve: {error}")
+            print(f"{name}: no curve: {error}")
             continue
-        print(f"{name:<12} {curve.median:8.3f} {unit:<6} {curve.dispersion:10.3f}")
+        print(curve)
+        rows.append(curve.row())
         if column == "sa [m/s^2]":
-            axes = curve.draw(f"{name} [{unit.replace('^2', '²')}]")
-            axes.set_ylabel(f"P(opening > {1e3 * limit:g} mm) [-]")
-            print(plots.save(axes.figure, folder / "fragility.png"))
+            print(plots.save(curve.draw().figure, folder / "fragility.png"))
+    curves = {column: np.array([row[column] for row in rows]) for column in (rows or [{}])[0]}
+    write_csv(curves, folder / "fragility_curves.csv")
 
 
 def main(arguments: list[str] | None = None) -> Tally:
@@ -118,7 +122,7 @@ def main(arguments: list[str] | None = None) -> Tally:
         )
         for name, reason in tally.failed.items():
             print(f"  {name}: {reason}")
-        show(suite.table(period=PERIOD), folder, options.limit)
+        show(suite.table(period=PERIOD), folder, options.limit, len(tally.failed))
 
     on_root(MPI.COMM_WORLD, conclude)
     return tally

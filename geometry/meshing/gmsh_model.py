@@ -19,14 +19,20 @@ from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.common.progress import LOGGER
 from dolfinx_joints.geometry.meshing.arguments import mesh_path
-from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray, SolidMesh
+from dolfinx_joints.geometry.meshing.extrusion import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    PlaneMesh,
+    SolidMesh,
+)
 from dolfinx_joints.mesh.reading.gmsh_syntax import check_msh
 
 Placement = Callable[[FloatArray, dict[str, BoolArray]], FloatArray]
+Section = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
-# Gmsh's element types by number of nodes.
-_SOLID_TYPES = {8: 5, 4: 4}  # hexahedron, tetrahedron
-_SURFACE_TYPES = {4: 3, 3: 2}  # quadrilateral, triangle
+# Gmsh's element types by dimension and number of nodes.
+_TYPES = {(3, 8): 5, (3, 4): 4, (2, 4): 3, (2, 3): 2, (1, 2): 1}
 _NAMES = {5: "hex8", 12: "hex27", 4: "tet4", 11: "tet10"}
 _HEXAHEDRA = (5, 12)
 
@@ -177,10 +183,10 @@ def write_mesh(
     """
     path = mesh_path(out)
     with gmsh_session():
-        surfaces = _add_solid(solid)
+        entities = _add_mesh(solid.points, solid.cells, solid.facets, 3)
         raise_order(order)
         if place is not None:
-            _move_nodes(place, surfaces)
+            _move_nodes(place, {name: entities[name] for name in solid.facets})
         report = _report()
         if not report.min_scaled_jacobian > 0:  # also true for NaN
             raise RuntimeError(
@@ -191,25 +197,58 @@ def write_mesh(
     return path
 
 
-def _add_solid(solid: SolidMesh) -> dict[str, int]:
-    """Add the mesh to the current model as discrete entities; return surface tags by name."""
-    volumes = {name: gmsh.model.addDiscreteEntity(3) for name in solid.cells}
-    surfaces = {name: gmsh.model.addDiscreteEntity(2) for name in solid.facets}
-    tags = np.arange(1, len(solid.points) + 1)
-    gmsh.model.mesh.addNodes(3, next(iter(volumes.values())), tags, solid.points.ravel())
-    for name, entity in volumes.items():
-        nodes = solid.cells[name]
-        kind = _SOLID_TYPES[nodes.shape[1]]
-        gmsh.model.mesh.addElementsByType(entity, kind, [], nodes.ravel() + 1)
-    for name, entity in surfaces.items():
-        nodes = solid.facets[name]
-        kind = _SURFACE_TYPES[nodes.shape[1]]
-        gmsh.model.mesh.addElementsByType(entity, kind, [], nodes.ravel() + 1)
-    groups = [(3, name, tag) for name, tag in volumes.items()]
-    groups += [(2, name, tag) for name, tag in surfaces.items()]
-    for number, (dim, name, entity) in enumerate(groups, start=1):
-        gmsh.model.addPhysicalGroup(dim, [entity], number, name)
-    return surfaces
+def write_plane(
+    out: str | os.PathLike[str],
+    plane: PlaneMesh,
+    order: int,
+    *,
+    section: Section | None = None,
+    gui: bool = False,
+    duplicated: bool = False,
+) -> Path:
+    """Raise the order of a plane mesh, move nodes to their exact positions and write the file.
+
+    Args:
+        out: path of the .msh file.
+        plane: mesh of order 1, in (x, y) or in the reference coordinates of ``section``.
+        order: order of the elements, 1 or 2.
+        section: map from the reference coordinates (p, q) of all nodes to (x, y) [m]; None if the
+            mesh already has its final coordinates and straight edges.
+        gui: show the mesh in Gmsh's window afterwards.
+        duplicated: duplicate the joint faces.
+
+    Raises:
+        ValueError: if the name does not end in ".msh", its folder does not exist, or the file
+            cannot be written.
+    """
+    path = mesh_path(out)
+    with gmsh_session():
+        points = np.column_stack([plane.points, np.zeros(len(plane.points))])
+        _add_mesh(points, plane.cells, plane.edges, 2)
+        raise_order(order)
+        if section is not None:
+            tags, reference, _ = gmsh.model.mesh.getNodes()
+            p, q, _ = reference.reshape(-1, 3).T
+            for tag, x, y in zip(tags, *section(p, q), strict=True):
+                gmsh.model.mesh.setNode(tag, [x, y, 0.0], [])
+        save(path, gui, duplicated)
+    return path
+
+
+def _add_mesh(
+    points: FloatArray, cells: dict[str, IntArray], facets: dict[str, IntArray], dim: int
+) -> dict[str, int]:
+    """Add named cells and facets to the current model as discrete entities; return their tags."""
+    groups = [(dim, *group) for group in cells.items()]
+    groups += [(dim - 1, *group) for group in facets.items()]
+    entities = {name: gmsh.model.addDiscreteEntity(d) for d, name, _ in groups}
+    tags = np.arange(1, len(points) + 1)
+    gmsh.model.mesh.addNodes(dim, entities[groups[0][1]], tags, points.ravel())
+    for number, (d, name, nodes) in enumerate(groups, start=1):
+        kind = _TYPES[d, nodes.shape[1]]
+        gmsh.model.mesh.addElementsByType(entities[name], kind, [], nodes.ravel() + 1)
+        gmsh.model.addPhysicalGroup(d, [entities[name]], number, name)
+    return entities
 
 
 def _move_nodes(place: Placement, surfaces: dict[str, int]) -> None:
@@ -286,17 +325,12 @@ def _report() -> MeshReport:
         for entity in entities:
             (kind,), (cells,), _ = gmsh.model.mesh.getElements(3, entity)
             num_cells += len(cells)
-            volume[name] += _volume(kind, entity)
+            points, weights = gmsh.model.mesh.getIntegrationPoints(kind, "Gauss6")
+            _, determinants, _ = gmsh.model.mesh.getJacobians(kind, points, entity)
+            volume[name] += float((determinants.reshape(-1, weights.size) @ weights).sum())
             least = float(np.minimum(least, scaled_jacobians(kind, entity).min()))  # NaN stays
     num_nodes = len(gmsh.model.mesh.getNodes()[0])
     return MeshReport(_NAMES[kind], num_nodes, num_cells, facets, least, volume)
-
-
-def _volume(kind: int, entity: int) -> float:
-    """Return the volume of the cells of an entity of the current model [m^3]."""
-    points, weights = gmsh.model.mesh.getIntegrationPoints(kind, "Gauss6")
-    _, determinants, _ = gmsh.model.mesh.getJacobians(kind, points, entity)
-    return float((determinants.reshape(-1, weights.size) @ weights).sum())
 
 
 def scaled_jacobians(kind: int, entity: int) -> FloatArray:

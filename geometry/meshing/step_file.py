@@ -18,7 +18,12 @@ _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
 # Points of a STEP file with their coordinates; units of length.
 _POINT = re.compile(r"CARTESIAN_POINT\s*\(\s*'[^']*'\s*,\s*\(([^()]*)\)")
 _LENGTH = re.compile(r"LENGTH_UNIT\s*\(\s*\)[^;]*SI_UNIT\s*\([^()]*\.METRE\.|CONVERSION_BASED_UNIT")
-_SOLID = re.compile(r"\b(?:MANIFOLD_SOLID_BREP|FACETED_BREP|BREP_WITH_VOIDS)\s*\(")
+# Solids with the number of their shell, shells with their faces, faces with their names.
+_SOLID = re.compile(
+    r"\b(?:MANIFOLD_SOLID_BREP|FACETED_BREP|BREP_WITH_VOIDS)\s*\(\s*'(?:[^']|'')*'\s*,\s*#(\d+)"
+)
+_SHELL = re.compile(r"#(\d+)\s*=\s*CLOSED_SHELL\s*\(\s*'(?:[^']|'')*'\s*,\s*\(([^)]*)")
+_FACE = re.compile(r"#(\d+)\s*=\s*ADVANCED_FACE\s*\(\s*'((?:[^']|'')*)'")
 _TRIAL = """import os, sys, gmsh
 gmsh.initialize(readConfigFiles=False, interruptible=False)
 gmsh.option.setNumber("General.Terminal", 0)
@@ -52,6 +57,17 @@ def check_step_file(step: Path) -> int:
     solids = _check_content(step)
     _try_reading(step)
     return solids
+
+
+def face_names(step: Path) -> list[str]:
+    """Return the names of the faces of all solids, in the order in which Open CASCADE reads them.
+
+    Gmsh has the names of solids only.
+    """
+    text = step.read_text("latin-1")
+    names, faces = dict(_FACE.findall(text)), dict(_SHELL.findall(text))
+    numbers = re.findall(r"#(\d+)", "".join(faces.get(n, "") for n in _SOLID.findall(text)))
+    return [names.get(number, "") for number in numbers]
 
 
 def _try_reading(step: Path) -> None:

@@ -14,8 +14,7 @@ from dolfinx_joints.geometry.gravity_dam import gravity_dam
 from dolfinx_joints.geometry.inclined_crack import inclined_crack
 from dolfinx_joints.geometry.jointed_wall import jointed_wall
 from dolfinx_joints.geometry.meshing.extrusion import PlaneMesh, edges_between, extrude, grid
-from dolfinx_joints.geometry.meshing.gmsh_model import write_mesh
-from dolfinx_joints.geometry.meshing.plane_mesh import write_plane
+from dolfinx_joints.geometry.meshing.gmsh_model import write_mesh, write_plane
 from dolfinx_joints.geometry.section_table import SectionTable
 from dolfinx_joints.geometry.sections_dam import sections_dam
 from dolfinx_joints.geometry.two_blocks import two_blocks

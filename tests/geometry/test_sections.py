@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Arch dams from tables of sections: volumes, joints, foundation, and every malformed table."""
 
+import warnings
 from itertools import pairwise
 
 from mpi4py import MPI
@@ -10,6 +11,7 @@ import gmsh
 import numpy as np
 import pytest
 from mesh_groups import ELEMENTS, Groups, area, check_groups, dam_volume
+from scipy.spatial import cKDTree
 
 import dolfinx_joints as dj
 from dolfinx_joints.geometry import sections_dam as script
@@ -170,18 +172,116 @@ def test_foundation(tmp_path, text, spread, cell, order, element):
     assert groups.points[:, 2].max() == crest[0]
 
 
-def test_volume_of_the_foundation_of_a_cylinder(tmp_path):
+def test_volume_of_a_saddle_under_a_cylinder(tmp_path):
     path = sections_dam(
-        tmp_path / "d.msh", write(tmp_path, CYLINDER), size=3, foundation=15.0, spread=10.0
+        tmp_path / "d.msh", write(tmp_path, CYLINDER), size=3, foundation=15.0, spread=0.0
     )
-    # The block is enlarged by (30 + 15)/30 about the crest's middle and goes from radius 60 to 36:
-    # (60^2 - 36^2)/2 times the angles and the heights, less the valley.
+    # The saddle is enlarged by (30 + 15)/30 about the crest's middle and goes from radius 50 to 46:
+    # (50^2 - 46^2)/2 times the angles and the heights, less the valley.
     arcs = np.radians(100)
-    exact = (60**2 - 36**2) / 2 * (1.5 * arcs * 45 - arcs * 30)
+    exact = (50**2 - 46**2) / 2 * (1.5 * arcs * 45 - arcs * 30)
     report = gmsh_model.describe(path)
     assert report.volume["foundation"] == pytest.approx(exact, rel=1e-5)
     assert "contact" in report.num_facets
     assert not any("perimetral" in name for name in report.num_facets)
+
+
+def columns_table(rows):
+    """Return a table of rows: elevation, radius, crown thickness, angles left and right, centre."""
+    names = ("elevation", "extrados_radius", "crown_thickness", "left_angle", "right_angle")
+    columns = np.array(rows, dtype=float).T
+    return SectionTable(dict(zip((*names, "centre_x"), columns, strict=True)))
+
+
+VALLEYS = {
+    # The crest's chord is 0.9 heights.
+    "narrow V": columns_table(
+        [
+            (0, 52, 18, 22, 22, 52),
+            (40, 60, 14, 32, 32, 58),
+            (80, 68, 10, 41, 41, 65),
+            (120, 76, 5, 48, 48, 74),
+        ]
+    ),
+    # The crest's chord is four heights, the base's three.
+    "wide U": columns_table(
+        [(0, 150, 18, 38, 38, 150), (20, 155, 13, 42, 42, 155), (60, 165, 5, 46, 46, 165)]
+    ),
+    # A radius of 0.6 heights, 140 degrees from bank to bank.
+    "strongly curved": columns_table(
+        [
+            (0, 40, 14, 35, 35, 40),
+            (30, 48, 11, 50, 50, 48),
+            (60, 55, 8, 62, 62, 55),
+            (100, 60, 4, 70, 70, 60),
+        ]
+    ),
+    "asymmetric": columns_table(
+        [
+            (200, 60, 9, 15, 25, 70),
+            (215, 68, 7.5, 20, 40, 70),
+            (235, 80, 6, 26, 52, 71),
+            (280, 110, 4, 32, 60, 76),
+        ]
+    ),
+    "cylinder": columns_table([(200, 50, 4, 40, 60, 0), (230, 50, 4, 40, 60, 0)]),
+}
+
+
+def rock_volume(table, depth):
+    """Integrate the rock volume [m^3]: the block less the valley and the dam.
+
+    The block's cross-section is the rectangle of the dam's height and width with a strip of
+    ``depth`` on three sides and quarter circles at the corners.
+    """
+    s, zeta = np.linspace(0, 1, 401), np.linspace(0, 1, 401)[:, None]
+    faces = [[half.point(s, ta, zeta) for ta in (0.0, 1.0)] for half in map(table.half, (1, -1))]
+    x, y, _ = np.moveaxis(np.array(faces), -1, 0)
+    start, end, width = x.min() - depth, x.max() + depth, y.max(axis=(1, 2, 3)).sum()
+    section = (width + 2 * depth) * table.height + width * depth + np.pi * depth**2 / 2
+    upstream, downstream = np.abs(x - np.array([start, end])[:, None, None]).swapaxes(0, 1)
+    y_up, y_down = y.swapaxes(0, 1)
+    areas = np.trapezoid(upstream, y_up) + np.trapezoid(downstream, y_down)
+    valley = np.trapezoid(areas.sum(axis=0), table.height * zeta[:, 0])
+    return section * (end - start) - valley - table_volume(table)
+
+
+@pytest.mark.parametrize(
+    ("cell", "order"), [("hex", 1), ("hex", 2), pytest.param("tet", 2, marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize("valley", VALLEYS)
+def test_foundations_extend_by_the_height_in_all_directions(tmp_path, valley, cell, order):
+    table = VALLEYS[valley]
+    height = table.height
+    options = {"size": height / 6, "order": order, "cell": cell, "joints": 3}
+    path = sections_dam(tmp_path / "d.msh", table, **options, foundation=height, perimetral=True)
+    report, groups = gmsh_model.describe(path), Groups(path)
+    check_groups(groups)
+    assert report.min_scaled_jacobian > (0.01 if cell == "tet" else 0.25)
+    dam, outer = groups.at("concrete"), groups.at("foundation_outer")
+    # Upstream, right bank and base; downstream and left bank.
+    below, above = dam.min(axis=0) - outer.min(axis=0), (outer.max(axis=0) - dam.max(axis=0))[:2]
+    np.testing.assert_allclose([*below, *above], height, rtol=1e-3)
+    assert cKDTree(dam).query(outer)[0].min() > (1 - 1e-4) * height
+    exact = rock_volume(table, height)
+    assert report.volume["foundation"] == pytest.approx(exact, rel=1e-3 if order == 2 else 0.02)
+    if order == 1:  # no cells overlap: the middle of each is in one cell only
+        with gmsh_model.gmsh_session():
+            gmsh.merge(str(path))
+            kind = gmsh.model.mesh.getElementTypes(3)[0]
+            for point in gmsh.model.mesh.getBarycenters(kind, -1, False, True).reshape(-1, 3):
+                assert len(gmsh.model.mesh.getElementsByCoordinates(*point, 3, True)) == 1
+
+
+def test_a_foundation_smaller_than_the_dam_is_implausible(tmp_path):
+    options = {"size": 10, "order": 1, "joints": 0}
+    sentence = r"extends 20 m beyond the dam, but usually by at least its height of 30 m"
+    with pytest.warns(dj.PlausibilityWarning, match=sentence):
+        sections_dam(tmp_path / "d.msh", write(tmp_path, CYLINDER), **options, foundation=20.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for small in ({"foundation": 30.0}, {"foundation": 5.0, "spread": 0.0}):
+            sections_dam(tmp_path / "d.msh", VALLEYS["cylinder"], **options, **small)
 
 
 def test_the_joints_of_such_a_dam_open_where_they_meet(tmp_path):
@@ -289,10 +389,9 @@ def test_files_that_are_no_table(tmp_path):
         ({"joints": [40]}, r"lie between -60 and 40 degrees, the ends of the crest\."),
         ({"perimetral": True}, "perimetral is True, but a perimetral joint needs"),
         ({"spread": 3.0}, r"spread is 3, but foundation is not given"),
-        ({"foundation": 60.0}, r"foundation is 60\.0, but .* be at most 55 m; otherwise its ends"),
         (
-            {"foundation": 20.0, "spread": 46.0},
-            r"spread is 46 m, but it must be below 46 m, the distance of the downstream face",
+            {"foundation": 60.0, "spread": 0.0},
+            r"foundation is 60\.0, but .* be at most 55 m; otherwise its ends",
         ),
     ],
 )

@@ -132,6 +132,126 @@ def test_solids_of_one_name_are_one_volume(tmp_path, step):
     assert {name for name in report.num_facets if "joint" in name} == {"joint_rock_pier"}
 
 
+@pytest.fixture(scope="module")
+def arch(tmp_path_factory):
+    """Write two lifts with an arc as upstream face, and a slab on their downstream face.
+
+    The arc has a radius of 1.25 m about (0.75, 1) and a chord of 2 m at x = 0. Lifts are 1 and 2 m
+    high; the downstream face is at x = 4 m. The slab covers it from z = 1.5 to 2 m.
+    """
+    path = tmp_path_factory.mktemp("arch") / "arch.step"
+    with gmsh_model.gmsh_session():
+        occ = gmsh.model.occ
+        for low, height in ((0, 1000), (1000, 2000)):
+            corners = [(0, 0), (4000, 0), (4000, 2000), (0, 2000)]
+            a, b, c, d = (occ.addPoint(x, y, low) for x, y in corners)
+            arc = occ.addCircleArc(d, occ.addPoint(750, 1000, low), a)
+            loop = occ.addCurveLoop([occ.addLine(a, b), occ.addLine(b, c), occ.addLine(c, d), arc])
+            occ.extrude([(2, occ.addPlaneSurface([loop]))], 0, 0, height)
+        occ.addBox(4000, 0, 1500, 1000, 2000, 500)
+        occ.synchronize()
+        gmsh.write(str(path))
+    text = path.read_text()
+    entity = dict(re.findall(r"#(\d+) = ([^;]*);", text))
+
+    def named(face):
+        surface = entity[face[3]]
+        if surface.startswith("CYLINDRICAL"):
+            return f"{face[1]}'under water'{face[2]}{face[3]}"
+        axis = entity[re.search(r"#(\d+)", surface)[1]]
+        point, normal, _ = (entity[number] for number in re.findall(r"#(\d+)", axis))
+        at_end = "(4.E+03," in point and re.search(r"\(-?1\.,", normal)
+        return f"{face[1]}{chr(39)}{'air' if at_end else ''}{chr(39)}{face[2]}{face[3]}"
+
+    path.write_text(re.sub(r"(ADVANCED_FACE\()''(,\([^)]*\),#)(\d+)", named, text))
+    return path
+
+
+ARC = 2.5 * np.arcsin(0.8)  # length of the arc [m]
+
+
+@pytest.mark.parametrize(
+    ("surfaces", "areas"),
+    [
+        ({"up": (-0.5, 1.0, 2.0)}, {"up": 2 * ARC}),  # a point on the upper lift
+        ({"up": ("-x", 20.0)}, {"up": 3 * ARC}),
+        # Of the downstream face 6 m^2 less the slab's 1; the slab's end is 1 m^2.
+        ({"down": ("+x", 1.0)}, {"down": 6.0}),
+        ({"down": (4.0, 1.0, 2.5), "low": (4.0, 1.0, 1.2)}, {"down": 2.0, "low": 1.0}),
+        ({"up": "under water", "down": "air"}, {"up": 3 * ARC, "down": 5.0}),
+        # A plane and a direction leave out faces that already have a name.
+        ({"low": (4.0, 1.0, 0.5), "rest": ("x", 4.0)}, {"low": 2.0, "rest": 3.0}),
+    ],
+    ids=["point", "direction", "plane direction", "split face", "names", "plane"],
+)
+def test_outer_faces_by_point_direction_and_name(tmp_path, arch, surfaces, areas):
+    out = from_step(tmp_path / "p.msh", arch, size=0.4, surfaces=surfaces)
+    for name, exact in areas.items():
+        # Parabolas miss the length of an arc by about a^4/2900, a = 0.32 is the angle of a cell.
+        assert facet_area(out, name) == pytest.approx(exact, rel=1e-5), name
+    report = gmsh_model.describe(out)
+    assert {"outside", *areas} == {n for n in report.num_facets if not n.startswith("joint")}
+
+
+def test_the_mean_normal_of_a_quarter_of_a_cylinder(tmp_path):
+    # Its mean normal is at 45 degrees to both axes.
+    path = tmp_path / "quarter.step"
+    with gmsh_model.gmsh_session():
+        gmsh.model.occ.addCylinder(0, 0, 0, 0, 0, 2000, 1000, angle=np.pi / 2)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(path))
+    out = from_step(tmp_path / "p.msh", path, size=0.25, surfaces={"up": ("+y", 45.1)})
+    assert facet_area(out, "up") == pytest.approx(np.pi, rel=1e-5)
+    with pytest.raises(ValueError, match="no mean normal of an unnamed outer face"):
+        from_step(tmp_path / "p.msh", path, size=0.5, surfaces={"up": ("+y", 44.9)})
+
+
+@pytest.mark.parametrize(
+    ("surfaces", "sentence"),
+    [
+        (
+            {"up": (-0.8, 1.0, 2.0)},
+            r"'up' is at \(-0\.8, .*, but the nearest outer face is at a distance of 0\.3 m\.",
+        ),
+        ({"up": (-0.5, 1.0, 1.0)}, "but 2 outer faces meet there; move it into one face"),
+        (
+            {"up": ("-x", 20.0), "low": (-0.5, 1.0, 0.5)},
+            r"'low' is at \(-0\.5, 1\.0, 0\.5\), but this face is already 'up'\.",
+        ),
+        (
+            {"up": "water"},
+            "'up' is at 'water', but no outer face has this name; names in the file: air, under",
+        ),
+        (
+            {"up": ("-x", "min")},
+            "but it must be x, y or z at a number, 'min' or 'max'; a direction",
+        ),
+    ],
+    ids=["distance", "edge", "twice", "name", "direction"],
+)
+def test_outer_faces_that_do_not_exist(tmp_path, arch, surfaces, sentence):
+    with pytest.raises(ValueError, match=sentence) as failure:
+        from_step(tmp_path / "p.msh", arch, size=1.0, surfaces=surfaces)
+    one_sentence(failure)
+
+
+def test_names_of_faces_that_were_not_built(tmp_path, arch, monkeypatch):
+    monkeypatch.setattr(script, "face_names", lambda _: ["air"] * 3)
+    sentence = r"arch\.step describes 3 faces of solids, of which 18 were built; name surfaces by"
+    with pytest.raises(ValueError, match=sentence):
+        from_step(tmp_path / "p.msh", arch, size=1.0, surfaces={"down": "air"})
+
+
+def test_places_on_the_command_line(tmp_path, arch):
+    out = tmp_path / "p.msh"
+    flags = ["--size", "0.5", "--out", str(out), "--surface", "up:-x=20"]
+    script.main([str(arch), *flags, "--surface", "top:1,1,3", "--surface", "down:air"])
+    # Of a segment of a circle, half of the radius times the arc, less a triangle.
+    areas = {"top": 8.0 + 0.5 * 1.25 * ARC - 0.75, "down": 5.0}
+    for name, exact in areas.items():
+        assert facet_area(out, name) == pytest.approx(exact, rel=1e-3), name
+
+
 def test_solids_without_names_are_numbered(tmp_path):
     plain = tmp_path / "plain.step"
     with gmsh_model.gmsh_session():

@@ -1,0 +1,262 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Two runs side by side: the largest difference of each measure and series of their files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import annotated_types as at
+import numpy as np
+
+from dolfinx_joints.common.arrays import Floats
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.export.tables import Table, tables_of
+from dolfinx_joints.postprocessing.measures import common_band, stress_extremes
+from dolfinx_joints.postprocessing.peaks import acceleration_peak, displacement_peak
+from dolfinx_joints.results.quantities import row_of
+from dolfinx_joints.results.reader import Results, listing
+
+_ROUNDING = 1e-9  # of coordinates and times, and of values next to others of the same unit
+_FIELDS = ("states/", "envelopes/", *(f"statics/{n}" for n in ("displace", "joints/", "stress/")))
+_TABLES = (("joints", "states", "measures", 1), ("stage_joints", "statics", "stages", 2))
+
+
+class Difference(NamedTuple):
+    """Largest difference of a measure or a series of two runs.
+
+    Attributes:
+        quantity: Table or stream, and name; ``*`` is the name of a joint, support or load.
+        unit: SI unit of the values.
+        where: Joint, support, load or monitor point; indices in the record, [point, component] or
+            [component]; time or static stage.
+        a: Value in the first run.
+        b: Value in the second run.
+        difference: |b - a|; zero if both are NaN, infinite if only one is.
+        scale: Largest absolute value of the quantity in both runs, of all joints, points and
+            components at the compared times; of all energies for an energy. It is at least 1e-9 of
+            the largest value with the same unit in the table or stream.
+        within: True if the relative difference is at most the tolerance. None if it is not judged.
+    """
+
+    quantity: str
+    unit: str
+    where: str
+    a: float
+    b: float
+    difference: float
+    scale: float
+    within: bool | None
+
+    @property
+    def relative(self) -> float:
+        """Difference divided by the scale."""
+        return self.difference / self.scale if self.difference else 0.0
+
+
+class Comparison(NamedTuple):
+    """Two runs side by side; its text is a table of the quantities that differ.
+
+    Attributes:
+        rows: Largest difference of each measure and each series that both runs have.
+        notes: Unfinished runs, and what was interpolated or not compared.
+        only: For each run, joints, points, static stages and series that the other does not have.
+    """
+
+    rows: list[Difference]
+    notes: list[str]
+    only: list[list[str]]
+
+    @property
+    def within(self) -> bool:
+        """True if no judged row exceeds the tolerance, and both runs have the same names."""
+        return not any(self.only) and all(row.within is not False for row in self.rows)
+
+    def __str__(self) -> str:
+        """Return a line for each quantity that differs, where it differs most."""
+        lines = [*self.notes]
+        lines += [f"Only in {n}: {listing(o)}." for n, o in zip("ab", self.only, strict=True) if o]
+        worst = {row.quantity: row for row in sorted(self.rows, key=lambda row: row.relative)}
+        rows = [row for row in worst.values() if row.difference][::-1]
+        lines.append(f"{len(worst) - len(rows)} of {len(worst)} quantities are equal.")
+        width = max((len(row.quantity + row.unit) for row in rows), default=0) + 3
+        columns = f"{'a':>13} {'b':>13} {'difference':>11} {'relative':>9} within  where"
+        lines += [f"{'quantity':<{width}} {columns}"] * bool(rows)
+        for row in rows:
+            numbers = f"{row.a:13.6g} {row.b:13.6g} {row.difference:11.3g} {row.relative:9.2g}"
+            judged = {True: "yes", False: "NO", None: "-"}[row.within]
+            name = f"{row.quantity} [{row.unit}]"
+            lines.append(f"{name:<{width}} {numbers} {judged:>6}  {row.where}")
+        return "\n".join(lines)
+
+
+@checked
+def compare(
+    a: str | Path, b: str | Path, *, tolerance: Annotated[float, at.Ge(0.0)] = 1e-3
+) -> Comparison:
+    """Compare measures, histories, energies, joints, static stages and fields of two runs.
+
+    Series are compared at common times. If neither run has all times of the other, series of every
+    step are interpolated linearly. Stages and monitor points are compared by name, fields only on
+    equal meshes. Values that jump are not judged: counts, codes, times and places of largest
+    values; nor are raw accelerations at unequal times, and measures of unfinished runs.
+
+    Args:
+        a: Results file of the first run.
+        b: Results file of the second run.
+        tolerance: Largest difference, relative to the largest absolute value of the quantity.
+
+    Raises:
+        ResultsError: A file is not a results file.
+    """
+    with Results(a) as first, Results(b) as second:
+        runs, files = (first, second), zip("ab", (first, second), strict=True)
+        notes = [f"{name} is {run.status}: {run.path}" for name, run in files if not run.complete]
+        if first.relative != second.relative:
+            notes.append("Motions are relative to the ground in one run, absolute in the other.")
+        one, other = map(_names, runs)
+        rows = [*_measures(runs), *_series(runs, notes)]
+    only = [[n for n in one if n not in other], [n for n in other if n not in one]]
+    groups = [(row.quantity.partition("/")[0], row.unit, row.within is None) for row in rows]
+    largest: dict[Any, float] = {}
+    for row, group in zip(rows, groups, strict=True):
+        for key in (row.quantity, group):
+            largest[key] = max(largest.get(key, 0.0), row.scale)
+    for i, (row, group) in enumerate(zip(rows, groups, strict=True)):
+        least = largest[group] * (1.0 if row.unit == "J" else _ROUNDING)
+        row = row._replace(scale=max(largest[row.quantity], least))
+        rows[i] = row._replace(within=row.within and row.relative <= tolerance)
+    return Comparison(rows, notes, only)
+
+
+def _names(run: Results) -> list[str]:
+    """Return the names of joints, points, static stages and series with records."""
+    kinds = {"joint": run.joints, "point": run.point_names, "static stage": run.stage_names}
+    kinds |= {f"{stream}:": names for stream, names in run.streams.items() if run.rows(stream)}
+    return [f"{kind} {name}" for kind, names in kinds.items() for name in names]
+
+
+def _distance(a: Any, b: Any) -> Any:
+    """Return |b - a|, zero where both are equal or NaN, infinite where only one is NaN."""
+    with np.errstate(invalid="ignore"):
+        distance = np.abs(np.subtract(b, a))
+    equal = np.equal(a, b) | (np.isnan(a) & np.isnan(b))
+    return np.where(equal, 0.0, np.where(np.isnan(distance), np.inf, distance))
+
+
+def _size(*values: Any) -> float:
+    """Return the largest finite absolute value."""
+    return max(float(np.max(np.abs(v), where=np.isfinite(v), initial=0.0)) for v in values)
+
+
+def _measures(runs: Sequence[Results]) -> Iterator[Difference]:
+    """Yield the differences of the measures that both runs have."""
+    band = common_band(*(run for run in runs if "histories" in run.streams))
+    one, other = (_measures_of(run, band) for run in runs)
+    for key in (key for key in one if key in other):
+        numbers = one[key], other[key], float(_distance(one[key], other[key]))
+        judged = key[1] not in ("", "s") and all(run.complete for run in runs)
+        yield Difference(*key, *numbers, _size(*numbers[:2]), judged or None)
+
+
+def _measures_of(run: Results, band: float) -> dict[tuple[str, str, str], float]:
+    """Return the measures of a run by quantity, unit, and joint, point or stage."""
+    numbers = {name: v for name, v in run.summary.items() if isinstance(v, int | float)}
+    values = {(f"summary/{name}", "", ""): float(v) for name, v in numbers.items()}
+    values |= {(f"measures/{n}", "Pa", ""): v for n, v in stress_extremes(run).items()}
+    recorded = {stream for stream in run.streams if run.rows(stream)}
+    for point in run.point_names if "histories" in recorded else ():
+        peaks = {("displacement", "m"): displacement_peak(run, [point])}
+        if "acceleration" in run.streams["histories"]:
+            peaks["acceleration", "m/s^2"] = acceleration_peak(run, [point], band=band)
+        for (name, unit), peak in peaks.items():
+            values[f"measures/{name}_peak", unit, point] = abs(peak.value)
+    for name, stream, kind, keys in _TABLES:
+        table = tables_of(run, name)[name] if stream in recorded and run.joints else Table([], [])
+        for row in table.rows:
+            for heading, value in zip(table.header[keys:], row[keys:], strict=True):
+                measure, _, unit = heading.rstrip("]").partition(" [")
+                values[f"{kind}/{measure}", unit, ", ".join(row[:keys])] = value
+    return values
+
+
+def _series(runs: Sequence[Results], notes: list[str]) -> Iterator[Difference]:
+    """Yield the differences of the series that both runs have."""
+    points = [name for name in runs[0].point_names if name in runs[1].point_names]
+    chosen = [[run.point_index(name) for name in points] for run in runs]
+    skipped, same_mesh = dict[str, None](), _same_mesh(*runs)
+    for stream in runs[0].streams:
+        if not all(stream in run.streams and run.rows(stream) for run in runs):
+            continue
+        records, times, exact = _common_records(runs, stream, notes)
+        for name in sorted({*runs[0].streams[stream]} & {*runs[1].streams[stream]} - {"name"}):
+            row, where = row_of(stream, name)
+            quantity, is_field = f"{stream}/{row.name}", f"{stream}/{name}".startswith(_FIELDS)
+            empty = [run.series(stream, name, slice(0)) for run in runs]
+            of_points = empty[0].ndim > 2 and not quantity.startswith((*_FIELDS, "resultants/"))
+            shapes_differ = empty[0].shape != empty[1].shape and not of_points
+            if shapes_differ or (is_field and not same_mesh):
+                skipped[quantity] = None
+            elif len(times):
+                a, b = (_values(run, stream, name, r) for run, r in zip(runs, records, strict=True))
+                if of_points:
+                    a, b = a[:, chosen[0]], b[:, chosen[1]]
+                distance = _distance(a, b)
+                at = np.unravel_index(np.argmax(distance), distance.shape)
+                time, entry = times[at[0]], [int(i) for i in at[1:]]
+                if of_points:
+                    where = points[entry.pop(0)]
+                where += f"{entry or ''}, {time if stream == 'statics' else f't = {time:.6g} s'}"
+                jumps = row.by == "place" or empty[0].dtype.kind == "i"
+                jumps |= name == "acceleration" and not exact
+                numbers = float(a[at]), float(b[at]), float(distance[at]), _size(a, b)
+                where = where.removeprefix(", ")
+                yield Difference(quantity, row.unit, where, *numbers, not jumps or None)
+    if skipped:
+        notes.append(f"Not compared, as the meshes differ: {listing(skipped)}.")
+
+
+def _same_mesh(a: Results, b: Results) -> bool:
+    """Return True if nodes, cells and joint points of two runs are equal."""
+    for name in {*a.statics} & {*b.statics}:
+        if name.startswith(("mesh/", "joints/")):
+            one, other = a.static(name), b.static(name)
+            limit = _ROUNDING * _size(one)
+            if one.shape != other.shape or not np.allclose(one, other, rtol=0.0, atol=limit):
+                return False
+    return True
+
+
+def _common_records(
+    runs: Sequence[Results], stream: str, notes: list[str]
+) -> tuple[list[Floats], Sequence[Any], bool]:
+    """Return the compared records of each run, times or stages; True if all times are equal."""
+    if stream == "statics":
+        stages = [run.stage_names for run in runs]
+        common = [name for name in dict.fromkeys(stages[0]) if name in stages[1]]
+        return [np.array([float(run.stage_index(n)) for n in common]) for run in runs], common, True
+    times = [run.time(stream) for run in runs]
+    start, end = max(t[0] for t in times), min(t[-1] for t in times) * (1.0 + _ROUNDING)
+    fewer = min((t[(t >= start - _ROUNDING * end) & (t <= end)] for t in times), key=len)
+    records = [np.interp(fewer, t, np.arange(len(t))) for t in times]
+    records = [np.where(abs(r - r.round()) < 1e-6, r.round(), r) for r in records]
+    common = np.all([r == r.round() for r in records], axis=0)
+    if stream in ("histories", "energy", "joints") and not common.all():
+        notes.append(f"{stream}: interpolated in time, as neither run has all times of the other.")
+        return records, fewer, False
+    equal = len(times[0]) == len(times[1]) == common.sum()
+    if not equal:
+        counts = f"{len(times[0])} and {len(times[1])}"
+        notes.append(f"{stream}: compared at {common.sum()} common times of {counts}.")
+    return [r[common] for r in records], fewer[common], equal
+
+
+def _values(run: Results, stream: str, name: str, records: Floats) -> Floats:
+    """Return the values at records, interpolated linearly between them."""
+    values, low = run.series(stream, name).astype(float), records.astype(int)
+    share = (records - low).reshape(-1, *(1,) * (values.ndim - 1))
+    if not share.any():
+        return values[low]
+    return (1.0 - share) * values[low] + share * values[(low + 1).clip(max=len(values) - 1)]

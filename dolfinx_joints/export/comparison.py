@@ -13,23 +13,24 @@ import numpy as np
 
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.export.tables import Table, tables_of
-from dolfinx_joints.postprocessing.measures import common_band, stress_extremes
-from dolfinx_joints.postprocessing.peaks import acceleration_peak, displacement_peak
+from dolfinx_joints.export.tables import makers_of
+from dolfinx_joints.postprocessing.measures import stress_extremes
 from dolfinx_joints.results.quantities import row_of
 from dolfinx_joints.results.reader import Results, listing
 
 _ROUNDING = 1e-9  # of coordinates and times, and of values next to others of the same unit
+# Tables of measures: their name in rows, and the number of columns with names.
+_MEASURES = {"joints": ("measures", 1), "stage_joints": ("stages", 2), "modes": ("modes", 1)}
+_PER_STEP = ("histories", "energy", "joints")  # streams that may be interpolated in time
 _FIELDS = ("states/", "envelopes/", *(f"statics/{n}" for n in ("displace", "joints/", "stress/")))
-_TABLES = (("joints", "states", "measures", 1), ("stage_joints", "statics", "stages", 2))
 
 
 class Difference(NamedTuple):
-    """Largest difference of a measure or a series of two runs.
+    """Largest difference of a measure or a series of two runs, and its place.
 
     Attributes:
         quantity: Table or stream, and name; ``*`` is the name of a joint, support or load.
-        unit: SI unit of the values.
+        unit: SI unit.
         where: Joint, support, load or monitor point; indices in the record, [point, component] or
             [component]; time or static stage.
         a: Value in the first run.
@@ -82,13 +83,13 @@ class Comparison(NamedTuple):
         rows = [row for row in worst.values() if row.difference][::-1]
         lines.append(f"{len(worst) - len(rows)} of {len(worst)} quantities are equal.")
         width = max((len(row.quantity + row.unit) for row in rows), default=0) + 3
-        columns = f"{'a':>13} {'b':>13} {'difference':>11} {'relative':>9} within  where"
-        lines += [f"{'quantity':<{width}} {columns}"] * bool(rows)
+        head = f"{'a':>13} {'b':>13} {'difference':>11} {'relative':>9} within  where"
+        lines += [f"{'quantity':<{width}} {head}"] if rows else []
         for row in rows:
             numbers = f"{row.a:13.6g} {row.b:13.6g} {row.difference:11.3g} {row.relative:9.2g}"
             judged = {True: "yes", False: "NO", None: "-"}[row.within]
             name = f"{row.quantity} [{row.unit}]"
-            lines.append(f"{name:<{width}} {numbers} {judged:>6}  {row.where}")
+            lines.append(f"{name:<{width}} {numbers} {judged:>6}  {row.where}".rstrip())
         return "\n".join(lines)
 
 
@@ -119,16 +120,20 @@ def compare(
         one, other = map(_names, runs)
         rows = [*_measures(runs), *_series(runs, notes)]
     only = [[n for n in one if n not in other], [n for n in other if n not in one]]
-    groups = [(row.quantity.partition("/")[0], row.unit, row.within is None) for row in rows]
     largest: dict[Any, float] = {}
-    for row, group in zip(rows, groups, strict=True):
-        for key in (row.quantity, group):
+    for row in rows:
+        for key in (row.quantity, _group(row)):
             largest[key] = max(largest.get(key, 0.0), row.scale)
-    for i, (row, group) in enumerate(zip(rows, groups, strict=True)):
-        least = largest[group] * (1.0 if row.unit == "J" else _ROUNDING)
+    for i, row in enumerate(rows):
+        least = largest[_group(row)] * (1.0 if row.unit == "J" else _ROUNDING)
         row = row._replace(scale=max(largest[row.quantity], least))
         rows[i] = row._replace(within=row.within and row.relative <= tolerance)
     return Comparison(rows, notes, only)
+
+
+def _group(row: Difference) -> tuple[str, str, bool]:
+    """Return the key of the values with the same unit in the same table, judged or not."""
+    return row.quantity.partition("/")[0], row.unit, row.within is None
 
 
 def _names(run: Results) -> list[str]:
@@ -138,55 +143,47 @@ def _names(run: Results) -> list[str]:
     return [f"{kind} {name}" for kind, names in kinds.items() for name in names]
 
 
-def _distance(a: Any, b: Any) -> Any:
-    """Return |b - a|, zero where both are equal or NaN, infinite where only one is NaN."""
+def _numbers(a: Floats, b: Floats) -> tuple[tuple[float, float, float, float], list[int]]:
+    """Return a, b, difference and scale of two arrays where they differ most, and the indices."""
     with np.errstate(invalid="ignore"):
-        distance = np.abs(np.subtract(b, a))
-    equal = np.equal(a, b) | (np.isnan(a) & np.isnan(b))
-    return np.where(equal, 0.0, np.where(np.isnan(distance), np.inf, distance))
-
-
-def _size(*values: Any) -> float:
-    """Return the largest finite absolute value."""
-    return max(float(np.max(np.abs(v), where=np.isfinite(v), initial=0.0)) for v in values)
+        distance = np.abs(b - a)
+    equal = (a == b) | (np.isnan(a) & np.isnan(b))
+    distance = np.where(equal, 0.0, np.where(np.isnan(distance), np.inf, distance))
+    at = np.unravel_index(np.argmax(distance), distance.shape)
+    scale = max(float(np.max(np.abs(v), where=np.isfinite(v), initial=0.0)) for v in (a, b))
+    return (float(a[at]), float(b[at]), float(distance[at]), scale), [int(i) for i in at]
 
 
 def _measures(runs: Sequence[Results]) -> Iterator[Difference]:
     """Yield the differences of the measures that both runs have."""
-    band = common_band(*(run for run in runs if "histories" in run.streams))
-    one, other = (_measures_of(run, band) for run in runs)
-    for key in (key for key in one if key in other):
-        numbers = one[key], other[key], float(_distance(one[key], other[key]))
-        judged = key[1] not in ("", "s") and all(run.complete for run in runs)
-        yield Difference(*key, *numbers, _size(*numbers[:2]), judged or None)
+    one, other = map(_measures_of, runs)
+    for quantity, unit, where in (key for key in one if key in other):
+        pair = (np.array(values[quantity, unit, where]) for values in (one, other))
+        judged = unit not in ("", "s") and all(run.complete for run in runs)
+        yield Difference(quantity, unit, where, *_numbers(*pair)[0], judged or None)
 
 
-def _measures_of(run: Results, band: float) -> dict[tuple[str, str, str], float]:
-    """Return the measures of a run by quantity, unit, and joint, point or stage."""
+def _measures_of(run: Results) -> dict[tuple[str, str, str], float]:
+    """Return the measures of a run by quantity, unit, and joint and stage."""
     numbers = {name: v for name, v in run.summary.items() if isinstance(v, int | float)}
     values = {(f"summary/{name}", "", ""): float(v) for name, v in numbers.items()}
     values |= {(f"measures/{n}", "Pa", ""): v for n, v in stress_extremes(run).items()}
-    recorded = {stream for stream in run.streams if run.rows(stream)}
-    for point in run.point_names if "histories" in recorded else ():
-        peaks = {("displacement", "m"): displacement_peak(run, [point])}
-        if "acceleration" in run.streams["histories"]:
-            peaks["acceleration", "m/s^2"] = acceleration_peak(run, [point], band=band)
-        for (name, unit), peak in peaks.items():
-            values[f"measures/{name}_peak", unit, point] = abs(peak.value)
-    for name, stream, kind, keys in _TABLES:
-        table = tables_of(run, name)[name] if stream in recorded and run.joints else Table([], [])
+    makers = makers_of(run)
+    for label, value, unit, *_ in makers["peaks"](run).rows if "peaks" in makers else ():
+        values[f"peaks/{label}", unit, ""] = abs(value)
+    for name in makers.keys() & _MEASURES.keys():
+        table, (kind, keys) = makers[name](run), _MEASURES[name]
         for row in table.rows:
             for heading, value in zip(table.header[keys:], row[keys:], strict=True):
                 measure, _, unit = heading.rstrip("]").partition(" [")
-                values[f"{kind}/{measure}", unit, ", ".join(row[:keys])] = value
+                values[f"{kind}/{measure}", unit, ", ".join(map(str, row[:keys]))] = value
     return values
 
 
 def _series(runs: Sequence[Results], notes: list[str]) -> Iterator[Difference]:
     """Yield the differences of the series that both runs have."""
     points = [name for name in runs[0].point_names if name in runs[1].point_names]
-    chosen = [[run.point_index(name) for name in points] for run in runs]
-    skipped, same_mesh = dict[str, None](), _same_mesh(*runs)
+    skipped, same_mesh = set(), _same_mesh(*runs)
     for stream in runs[0].streams:
         if not all(stream in run.streams and run.rows(stream) for run in runs):
             continue
@@ -194,38 +191,33 @@ def _series(runs: Sequence[Results], notes: list[str]) -> Iterator[Difference]:
         for name in sorted({*runs[0].streams[stream]} & {*runs[1].streams[stream]} - {"name"}):
             row, where = row_of(stream, name)
             quantity, is_field = f"{stream}/{row.name}", f"{stream}/{name}".startswith(_FIELDS)
-            empty = [run.series(stream, name, slice(0)) for run in runs]
-            of_points = empty[0].ndim > 2 and not quantity.startswith((*_FIELDS, "resultants/"))
-            shapes_differ = empty[0].shape != empty[1].shape and not of_points
-            if shapes_differ or (is_field and not same_mesh):
-                skipped[quantity] = None
-            elif len(times):
-                a, b = (_values(run, stream, name, r) for run, r in zip(runs, records, strict=True))
+            first, second = (run.series(stream, name, slice(0)) for run in runs)
+            of_points = first.ndim > 2 and not is_field and stream != "resultants"
+            if not of_points and (first.shape != second.shape or (is_field and not same_mesh)):
+                skipped.add(quantity)
+            elif len(times) and (points or not of_points):
+                a, b = (_values(r, stream, name, n) for r, n in zip(runs, records, strict=True))
                 if of_points:
-                    a, b = a[:, chosen[0]], b[:, chosen[1]]
-                distance = _distance(a, b)
-                at = np.unravel_index(np.argmax(distance), distance.shape)
-                time, entry = times[at[0]], [int(i) for i in at[1:]]
-                if of_points:
-                    where = points[entry.pop(0)]
-                where += f"{entry or ''}, {time if stream == 'statics' else f't = {time:.6g} s'}"
-                jumps = row.by == "place" or empty[0].dtype.kind == "i"
+                    chosen = ([run.point_index(point) for point in points] for run in runs)
+                    a, b = (v[:, numbers] for v, numbers in zip((a, b), chosen, strict=True))
+                numbers, (record, *entry) = _numbers(a, b)
+                where = points[entry.pop(0)] if of_points else where
+                time = times[record] if stream == "statics" else f"t = {times[record]:.6g} s"
+                where = f"{where}{entry or ''}, {time}".removeprefix(", ")
+                jumps = row.by == "place" or first.dtype.kind == "i"
                 jumps |= name == "acceleration" and not exact
-                numbers = float(a[at]), float(b[at]), float(distance[at]), _size(a, b)
-                where = where.removeprefix(", ")
                 yield Difference(quantity, row.unit, where, *numbers, not jumps or None)
     if skipped:
-        notes.append(f"Not compared, as the meshes differ: {listing(skipped)}.")
+        notes.append(f"Not compared, as the meshes differ: {listing(sorted(skipped))}.")
 
 
 def _same_mesh(a: Results, b: Results) -> bool:
     """Return True if nodes, cells and joint points of two runs are equal."""
-    for name in {*a.statics} & {*b.statics}:
-        if name.startswith(("mesh/", "joints/")):
-            one, other = a.static(name), b.static(name)
-            limit = _ROUNDING * _size(one)
-            if one.shape != other.shape or not np.allclose(one, other, rtol=0.0, atol=limit):
-                return False
+    names = {name for name in {*a.statics} & {*b.statics} if name.startswith(("mesh/", "joints/"))}
+    for one, other in ((a.static(name), b.static(name)) for name in names):
+        limit = _ROUNDING * np.abs(one).max(initial=0.0)
+        if one.shape != other.shape or not np.allclose(one, other, rtol=0.0, atol=limit):
+            return False
     return True
 
 
@@ -243,12 +235,12 @@ def _common_records(
     records = [np.interp(fewer, t, np.arange(len(t))) for t in times]
     records = [np.where(abs(r - r.round()) < 1e-6, r.round(), r) for r in records]
     common = np.all([r == r.round() for r in records], axis=0)
-    if stream in ("histories", "energy", "joints") and not common.all():
-        notes.append(f"{stream}: interpolated in time, as neither run has all times of the other.")
+    counts = f"{len(times[0])} and {len(times[1])}"
+    if stream in _PER_STEP and not common.all():
+        notes.append(f"{stream}: interpolated in time at {len(fewer)} of {counts} times.")
         return records, fewer, False
     equal = len(times[0]) == len(times[1]) == common.sum()
     if not equal:
-        counts = f"{len(times[0])} and {len(times[1])}"
         notes.append(f"{stream}: compared at {common.sum()} common times of {counts}.")
     return [r[common] for r in records], fewer[common], equal
 

@@ -52,17 +52,22 @@ def tables_of(results: Results, only: str | None = None) -> dict[str, Table]:
     Raises:
         ResultsError: The file has no data for the table ``only``.
     """
+    makers = makers_of(results)
+    if only is not None and only not in makers:
+        raise ResultsError(f"{results.path} has no table {only!r}; it has {listing(makers)}.")
+    return {name: make(results) for name, make in makers.items() if only in (None, name)}
+
+
+def makers_of(results: Results) -> dict[str, Callable[[Results], Table]]:
+    """Return the functions that make the tables for which the file has data, by name."""
     check_results(results)
     streams = {name for name in results.streams if results.rows(name)}
     streams |= {"modes"} if "modes/frequency" in results.statics else set()
-    makers = {
+    return {
         name: make
         for name, (stream, of_joints, make) in TABLES.items()
         if stream in streams and (results.joints or not of_joints)
     }
-    if only is not None and only not in makers:
-        raise ResultsError(f"{results.path} has no table {only!r}; it has {listing(makers)}.")
-    return {name: make(results) for name, make in makers.items() if only in (None, name)}
 
 
 def _columns(columns: Iterable[tuple[str, str, Any]]) -> Table:

@@ -22,7 +22,8 @@ _ROUNDING = 1e-9  # of coordinates and times, and of values next to others of th
 # Tables of measures: their name in rows, and the number of columns with names.
 _MEASURES = {"joints": ("measures", 1), "stage_joints": ("stages", 2), "modes": ("modes", 1)}
 _PER_STEP = ("histories", "energy", "joints")  # streams that may be interpolated in time
-_FIELDS = ("states/", "envelopes/", *(f"statics/{n}" for n in ("displace", "joints/", "stress/")))
+_STATIC_FIELDS = ("displacement", "static_displacement", "joints", "stress")
+_FIELDS = ("states/", "envelopes/", *(f"statics/{name}" for name in _STATIC_FIELDS))
 
 
 class Difference(NamedTuple):
@@ -133,13 +134,14 @@ def compare(
 
 def _group(row: Difference) -> tuple[str, str, bool]:
     """Return the key of the values with the same unit in the same table, judged or not."""
-    return row.quantity.partition("/")[0], row.unit, row.within is None
+    unit = row.quantity if row.unit == "-" else row.unit
+    return row.quantity.partition("/")[0], unit, row.within is None
 
 
 def _names(run: Results) -> list[str]:
-    """Return the names of joints, points, static stages and series with records."""
+    """Return the names of joints, points, static stages and series."""
     kinds = {"joint": run.joints, "point": run.point_names, "static stage": run.stage_names}
-    kinds |= {f"{stream}:": names for stream, names in run.streams.items() if run.rows(stream)}
+    kinds |= {f"{stream}:": names for stream, names in run.streams.items()}
     return [f"{kind} {name}" for kind, names in kinds.items() for name in names]
 
 
@@ -159,18 +161,18 @@ def _measures(runs: Sequence[Results]) -> Iterator[Difference]:
     one, other = map(_measures_of, runs)
     for quantity, unit, where in (key for key in one if key in other):
         pair = (np.array(values[quantity, unit, where]) for values in (one, other))
-        judged = unit not in ("", "s") and all(run.complete for run in runs)
+        judged = unit != "s" and quantity[:8] != "summary/" and all(run.complete for run in runs)
         yield Difference(quantity, unit, where, *_numbers(*pair)[0], judged or None)
 
 
 def _measures_of(run: Results) -> dict[tuple[str, str, str], float]:
     """Return the measures of a run by quantity, unit, and joint and stage."""
     numbers = {name: v for name, v in run.summary.items() if isinstance(v, int | float)}
-    values = {(f"summary/{name}", "", ""): float(v) for name, v in numbers.items()}
+    values = {(f"summary/{name}", "-", ""): float(v) for name, v in numbers.items()}
     values |= {(f"measures/{n}", "Pa", ""): v for n, v in stress_extremes(run).items()}
     makers = makers_of(run)
-    for label, value, unit, *_ in makers["peaks"](run).rows if "peaks" in makers else ():
-        values[f"peaks/{label}", unit, ""] = abs(value)
+    peaks = makers["peaks"](run).rows if "peaks" in makers else ()
+    values |= {(f"peaks/{row[0]}", row[2], ""): abs(row[1]) for row in peaks if row[4]}  # of points
     for name in makers.keys() & _MEASURES.keys():
         table, (kind, keys) = makers[name](run), _MEASURES[name]
         for row in table.rows:
@@ -184,9 +186,7 @@ def _series(runs: Sequence[Results], notes: list[str]) -> Iterator[Difference]:
     """Yield the differences of the series that both runs have."""
     points = [name for name in runs[0].point_names if name in runs[1].point_names]
     skipped, same_mesh = set(), _same_mesh(*runs)
-    for stream in runs[0].streams:
-        if not all(stream in run.streams and run.rows(stream) for run in runs):
-            continue
+    for stream in (stream for stream in runs[0].streams if stream in runs[1].streams):
         records, times, exact = _common_records(runs, stream, notes)
         for name in sorted({*runs[0].streams[stream]} & {*runs[1].streams[stream]} - {"name"}):
             row, where = row_of(stream, name)
@@ -226,13 +226,16 @@ def _common_records(
 ) -> tuple[list[Floats], Sequence[Any], bool]:
     """Return the compared records of each run, times or stages; True if all times are equal."""
     if stream == "statics":
-        stages = [run.stage_names for run in runs]
-        common = [name for name in dict.fromkeys(stages[0]) if name in stages[1]]
-        return [np.array([float(run.stage_index(n)) for n in common]) for run in runs], common, True
+        names = [run.stage_names for run in runs]
+        stages = [[(name, n[:i].count(name)) for i, name in enumerate(n)] for n in names]
+        both = [stage for stage in stages[0] if stage in stages[1]]
+        records = [np.array([float(s.index(stage)) for stage in both]) for s in stages]
+        return records, [name for name, _ in both], True
     times = [run.time(stream) for run in runs]
-    start, end = max(t[0] for t in times), min(t[-1] for t in times) * (1.0 + _ROUNDING)
-    fewer = min((t[(t >= start - _ROUNDING * end) & (t <= end)] for t in times), key=len)
-    records = [np.interp(fewer, t, np.arange(len(t))) for t in times]
+    end = min(t.max(initial=0.0) for t in times) * (1.0 + _ROUNDING)
+    start = max(t.min(initial=end) for t in times) - _ROUNDING * end
+    fewer = min((t[(t >= start) & (t <= end)] for t in times), key=len)
+    records = [np.interp(fewer, t, np.arange(len(t))) if fewer.size else fewer for t in times]
     records = [np.where(abs(r - r.round()) < 1e-6, r.round(), r) for r in records]
     common = np.all([r == r.round() for r in records], axis=0)
     counts = f"{len(times[0])} and {len(times[1])}"

@@ -25,7 +25,7 @@ MEASURES = ("summary/", "measures/", "peaks/", "stages/")
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of two joints and two points; all numbers differ."""
+    """Write a run of two joints and two points in which all numbers differ."""
     return write_distinct(tmp_path_factory.mktemp("runs") / "a.h5")
 
 
@@ -47,7 +47,7 @@ def added(name: str, index: Any, change: float) -> Callable[[h5py.File], Any]:
 
 
 def differing(comparison: Comparison, *, measures: bool = False) -> list[Difference]:
-    """Rows of series, or of measures, whose difference is not zero."""
+    """Return the rows of series, or of measures, whose difference is not zero."""
     return [row for row in comparison.rows if row.difference and is_measure(row) == measures]
 
 
@@ -61,7 +61,7 @@ def row_of(comparison: Comparison, quantity: str, where: str = "") -> Difference
 
 
 def largest(path: Path, *names: str) -> float:
-    """The largest absolute value of datasets of streams."""
+    """Return the largest absolute value of datasets of streams."""
     with h5py.File(path) as file:
         return max(float(np.nanmax(np.abs(file["streams"][name][()]))) for name in names)
 
@@ -101,7 +101,7 @@ def test_one_changed_number_is_found(
     where: str,
     kind: Any,
 ) -> None:
-    """The scale is the largest number of the datasets of its kind, all energies for an energy."""
+    """Find the planted change; the scale is the largest of its kind, for an energy of all."""
     other = changed(run, tmp_path, added(name, index, change))
     (row,) = differing(compare(run, other))
     record = index[0] if isinstance(index, tuple) else index
@@ -186,7 +186,7 @@ def test_names_in_one_run_only(tmp_path: Path) -> None:
 
 
 def test_points_are_compared_by_name(run: Path, tmp_path: Path) -> None:
-    """A file whose points are in the other order is equal."""
+    """Points in another order are equal."""
 
     def turn(file: h5py.File) -> None:
         for name in ("displacement", "acceleration"):
@@ -209,8 +209,8 @@ def parabola(path: Path, steps: int, dt: float) -> Path:
         for t in dt * np.arange(steps + 1):
             names = ("joint_open", "joint_stick", "joint_slip", "joint_frictionless", "iterations")
             moved = {name: np.full((1, 3), t**2) for name in ("displacement", "acceleration")}
-            rest = {"ground_acceleration": np.zeros(3)} | dict.fromkeys(names, 0)
-            writer.append("histories", t, moved | rest)
+            others = {"ground_acceleration": np.zeros(3)} | dict.fromkeys(names, 0)
+            writer.append("histories", t, moved | others)
             writer.append("resultants", t, {"blocks/mass": t**2})
         writer.finish("complete", {})
     return path
@@ -309,7 +309,7 @@ def test_files_that_are_no_results(run: Path, tmp_path: Path, capsys: Any) -> No
 
 
 def test_command(run: Path, tmp_path: Path, capsys: Any) -> None:
-    """The table is read back: names, numbers and places of the rows that differ."""
+    """Read the table back: names, numbers and places of the rows that differ."""
     other = changed(run, tmp_path, added("energy/friction", 20, 5e4))
     assert cli.main(["compare", str(run), str(run), "--tolerance", "0"]) == 0
     capsys.readouterr()
@@ -322,14 +322,14 @@ def test_command(run: Path, tmp_path: Path, capsys: Any) -> None:
     name, unit, a, b, difference, relative, within, *where = line.split()
     assert (name, unit, within) == ("energy/friction", "[J]", "NO")
     assert " ".join(where) == row.where
-    found = [float(text) for text in (a, b, difference, relative)]
-    np.testing.assert_allclose(found, [row.a, row.b, 5e4, row.relative], rtol=0.05)
+    printed = [float(text) for text in (a, b, difference, relative)]
+    np.testing.assert_allclose(printed, [row.a, row.b, 5e4, row.relative], rtol=0.05)
     assert cli.main(["compare", str(run), str(other), "--tolerance", "0.1"]) == 0
     assert "    yes  t = " in capsys.readouterr().out
 
 
 def test_twice_the_density_is_twice_the_force(new_path: Any, mesh_file: Any, read: Any) -> None:
-    """Two blocks under their weight: by linearity all of run a is half of run b."""
+    """By linearity, everything in run a is half of run b."""
     import dolfinx_joints as dj
     from dolfinx_joints.geometry.two_blocks import two_blocks
 
@@ -348,5 +348,5 @@ def test_twice_the_density_is_twice_the_force(new_path: Any, mesh_file: Any, rea
         assert row_of(comparison, quantity).relative == pytest.approx(0.5, rel=1e-9)
     force = row_of(comparison, "stages/normal_force")
     assert force.b == pytest.approx(4800.0 * 9.80665, rel=1e-9)  # weight of the upper cubic metre
-    # Shear of rounding size is nothing beside the normal force.
+    # The shear is rounding error: 1e-9 of the normal force and less.
     assert row_of(comparison, "stages/shear_force").within

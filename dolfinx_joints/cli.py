@@ -69,9 +69,9 @@ def _parser() -> Parser:
         "--quiet", action="store_true", help="suppress progress and plausibility warnings"
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for run, (text, *arguments) in _COMMANDS.items():
-        name = run.__name__.strip("_")
-        command = commands.add_parser(name, help=text, description=run.__doc__)
+    for run, arguments in _COMMANDS.items():
+        text, name = str(run.__doc__), run.__name__.strip("_")
+        command = commands.add_parser(name, help=text.splitlines()[0], description=text)
         command.set_defaults(run=run)
         for argument, options in arguments:
             command.add_argument(argument, **options)
@@ -79,7 +79,7 @@ def _parser() -> Parser:
 
 
 def _report(options: Any) -> None:
-    """Write one HTML file, which needs no network, and a folder of pictures."""
+    """Write a report on one or several runs: one HTML file, and a folder of pictures."""
     from dolfinx_joints import report
 
     path = report.write(options.results, options.out, with_3d=not options.no_3d)
@@ -89,10 +89,7 @@ def _report(options: Any) -> None:
 
 
 def _split(options: Any) -> None:
-    """Split a mesh at its joints and write it to a file.
-
-    read_split reads it in parallel: each rank reads only its part.
-    """
+    """Split a Gmsh mesh at its joints, and write it to a file for read_split."""
     from mpi4py import MPI
 
     from dolfinx_joints.mesh.distribution.split_file import write_split
@@ -120,10 +117,7 @@ def _compare(options: Any) -> bool:
 
 
 def _csv(options: Any) -> None:
-    """Write histories, energies, joint measures, resultants and all other tables as CSV.
-
-    The headers contain the units.
-    """
+    """Write all tables of a results file as CSV, with units in the headers."""
     from dolfinx_joints.export.csv_files import write_csv
     from dolfinx_joints.results.reader import Results
 
@@ -133,7 +127,7 @@ def _csv(options: Any) -> None:
 
 
 def _vtk(options: Any) -> None:
-    """Write the body and the joints in all recorded states as VTKHDF."""
+    """Write the body and the joints in all recorded states for ParaView (VTKHDF)."""
     from dolfinx_joints.export.paraview import write_vtk
     from dolfinx_joints.results.reader import Results
 
@@ -165,44 +159,28 @@ def _path(metavar: str, text: str, **options: Any) -> dict[str, Any]:
 _FLAG = {"action": "store_true"}
 _FILE = ("file", _path("FILE", "results file"))
 _FORCE = ("--force", _FLAG | {"help": "replace existing files"})
-_TOLERANCE = "largest difference, relative to the largest value of the quantity (default 1e-3)"
 _JOINTS = "joints to split (default: groups named joint...)"
-_OUT = "write NAME.vtkhdf (default: the name of FILE)"
-# For each command: its help, and its arguments with their options.
-_COMMANDS: dict[Callable[[Any], bool | None], tuple[Any, ...]] = {
+_TOLERANCE = "largest difference, relative to the largest value of the quantity (default 1e-3)"
+# Arguments of each command with their options.
+_COMMANDS: dict[Callable[[Any], bool | None], tuple[tuple[str, dict[str, Any]], ...]] = {
     _report: (
-        "write a report on one or several runs",
         ("results", _path("RESULTS", "results files", nargs="+")),
         ("--out", _path("FILE", "HTML file (default report.html)", default=Path("report.html"))),
         ("--no-3d", _FLAG | {"help": "omit the 3-D view and the pictures of the body"}),
     ),
     _split: (
-        "split a Gmsh mesh at its joints",
         ("mesh", _path("MESH", "Gmsh .msh file")),
         ("out", _path("FILE", "HDF5 file to write")),
         ("--joints", {"nargs": "*", "metavar": "NAME", "help": _JOINTS}),
         _FORCE,
     ),
-    _info: (
-        "list the contents of a results file",
-        _FILE,
-        ("--all", _FLAG | {"help": "list every array with unit and meaning"}),
-    ),
+    _info: (_FILE, ("--all", _FLAG | {"help": "list every array with unit and meaning"})),
     _compare: (
-        "compare two results files",
         _FILE,
         ("other", _path("OTHER", "results file of the other run")),
-        ("--tolerance", {"type": float, "default": 1e-3, "help": _TOLERANCE}),
+        ("--tolerance", {"type": float, "default": 1e-3, "metavar": "X", "help": _TOLERANCE}),
     ),
-    _csv: (
-        "write CSV tables",
-        _FILE,
-        ("--out", _path("FOLDER", "folder of the tables", required=True)),
-        _FORCE,
-    ),
-    _vtk: ("write files for ParaView", _FILE, ("--out", _path("NAME", _OUT)), _FORCE),
-    _completion: (
-        "print the shell completion script",
-        ("shell", {"choices": ("bash", "zsh", "tcsh"), "help": "name of the shell"}),
-    ),
+    _csv: (_FILE, ("--out", _path("FOLDER", "folder of the tables", required=True)), _FORCE),
+    _vtk: (_FILE, ("--out", _path("NAME", "name of the files (default: that of FILE)")), _FORCE),
+    _completion: (("shell", {"choices": ("bash", "zsh", "tcsh"), "help": "name of the shell"}),),
 }

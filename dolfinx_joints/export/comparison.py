@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -22,8 +23,7 @@ _ROUNDING = 1e-9  # of coordinates and times, and of values next to others of th
 # Tables of measures: their name in rows, and the number of columns with names.
 _MEASURES = {"joints": ("measures", 1), "stage_joints": ("stages", 2), "modes": ("modes", 1)}
 _PER_STEP = ("histories", "energy", "joints")  # streams that may be interpolated in time
-_STATIC_FIELDS = ("displacement", "static_displacement", "joints", "stress")
-_FIELDS = ("states/", "envelopes/", *(f"statics/{name}" for name in _STATIC_FIELDS))
+_FIELDS = r"(states|envelopes|statics/(displacement|static_displacement|joints|stress)).*"
 
 
 class Difference(NamedTuple):
@@ -73,8 +73,9 @@ class Comparison(NamedTuple):
 
     @property
     def within(self) -> bool:
-        """True if no judged row exceeds the tolerance, and both runs have the same names."""
-        return not any(self.only) and all(row.within is not False for row in self.rows)
+        """True if all judged rows are within the tolerance and both runs have the same names."""
+        judged = [row.within for row in self.rows if row.within is not None]
+        return bool(judged) and all(judged) and not any(self.only)
 
     def __str__(self) -> str:
         """Return a line for each quantity that differs, where it differs most."""
@@ -169,8 +170,9 @@ def _measures_of(run: Results) -> dict[tuple[str, str, str], float]:
     """Return the measures of a run by quantity, unit, and joint and stage."""
     numbers = {name: v for name, v in run.summary.items() if isinstance(v, int | float)}
     values = {(f"summary/{name}", "-", ""): float(v) for name, v in numbers.items()}
-    values |= {(f"measures/{n}", "Pa", ""): v for n, v in stress_extremes(run).items()}
     makers = makers_of(run)
+    stresses = stress_extremes(run) if "envelopes" in makers else {}
+    values |= {(f"measures/{name}", "Pa", ""): v for name, v in stresses.items()}
     peaks = makers["peaks"](run).rows if "peaks" in makers else ()
     values |= {(f"peaks/{row[0]}", row[2], ""): abs(row[1]) for row in peaks if row[4]}  # of points
     for name in makers.keys() & _MEASURES.keys():
@@ -190,7 +192,7 @@ def _series(runs: Sequence[Results], notes: list[str]) -> Iterator[Difference]:
         records, times, exact = _common_records(runs, stream, notes)
         for name in sorted({*runs[0].streams[stream]} & {*runs[1].streams[stream]} - {"name"}):
             row, where = row_of(stream, name)
-            quantity, is_field = f"{stream}/{row.name}", f"{stream}/{name}".startswith(_FIELDS)
+            quantity, is_field = f"{stream}/{row.name}", re.match(_FIELDS, f"{stream}/{name}")
             first, second = (run.series(stream, name, slice(0)) for run in runs)
             of_points = first.ndim > 2 and not is_field and stream != "resultants"
             if not of_points and (first.shape != second.shape or (is_field and not same_mesh)):

@@ -20,7 +20,7 @@ from dolfinx_joints.results.reader import STAGE_NAME_BYTES
 from dolfinx_joints.results.writer import ResultsWriter
 
 pytestmark = pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning")
-MEASURES = ("summary/", "measures/", "peaks/", "stages/")
+MEASURES = ("summary/", "measures/", "peaks/", "stages/", "modes/")
 
 
 @pytest.fixture(scope="module")
@@ -272,6 +272,40 @@ def test_static_stages_are_compared_by_name(tmp_path: Path) -> None:
     assert row[1:4] == ("N", "winter, joint_1", 4e6)
 
 
+def test_stages_of_one_name_are_compared_in_their_order(tmp_path: Path) -> None:
+    def twice(file: h5py.File) -> None:
+        file["streams/statics/name"][0] = file["streams/statics/name"][1]
+
+    path = changed(write_stages(tmp_path / "a.h5"), tmp_path, twice).rename(tmp_path / "twice.h5")
+    other = changed(path, tmp_path, added("statics/reaction/base", (0, 0), 3e6))
+    (row,) = differing(compare(path, other))
+    assert row[2:5] == ("base[0], winter", 0.0, 3e6)
+
+
+def test_modes(tmp_path: Path) -> None:
+    """Compare frequencies of 2 and 4 Hz with those of 2.2 and 4 Hz."""
+    paths = [tmp_path / "a.h5", tmp_path / "b.h5"]
+    for path, lowest in zip(paths, (2.0, 2.2), strict=True):
+        with ResultsWriter(path, {}) as writer:
+            writer.static("modes/frequency", [lowest, 4.0], "Hz", "frequencies")
+            for name in ("participation", "effective_mass", "effective_share"):
+                writer.static(f"modes/{name}", np.ones((2, 3)), "kg", name)
+            writer.start()
+            writer.finish("complete", {})
+    comparison = compare(*paths)
+    (row,) = differing(comparison, measures=True)
+    assert row[:5] == ("modes/frequency", "Hz", "1", 2.0, 2.2)
+    assert (row.scale, row.within, comparison.within) == (4.0, False, False)
+
+
+def test_files_without_common_values_are_not_equal(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    with ResultsWriter(path, {}) as writer:
+        writer.start()
+        writer.finish("complete", {})
+    assert not compare(path, path).within
+
+
 def test_an_unfinished_run_is_compared_up_to_its_end(run: Path, tmp_path: Path) -> None:
     def kill(file: h5py.File) -> None:
         file["status"][0] = b"running"
@@ -329,7 +363,7 @@ def test_command(run: Path, tmp_path: Path, capsys: Any) -> None:
 
 
 def test_twice_the_density_is_twice_the_force(new_path: Any, mesh_file: Any, read: Any) -> None:
-    """By linearity, everything in run a is half of run b."""
+    """Check forces against the density: by linearity, those of run a are half of run b."""
     import dolfinx_joints as dj
     from dolfinx_joints.geometry.two_blocks import two_blocks
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.export.tables import makers_of
+from dolfinx_joints.export.tables import Table, tables_of
 from dolfinx_joints.postprocessing.measures import stress_extremes
 from dolfinx_joints.results.quantities import row_of
 from dolfinx_joints.results.reader import Results, listing
@@ -170,13 +170,13 @@ def _measures_of(run: Results) -> dict[tuple[str, str, str], float]:
     """Return the measures of a run by quantity, unit, and joint and stage."""
     numbers = {name: v for name, v in run.summary.items() if isinstance(v, int | float)}
     values = {(f"summary/{name}", "-", ""): float(v) for name, v in numbers.items()}
-    makers = makers_of(run)
-    stresses = stress_extremes(run) if "envelopes" in makers else {}
-    values |= {(f"measures/{name}", "Pa", ""): v for name, v in stresses.items()}
-    peaks = makers["peaks"](run).rows if "peaks" in makers else ()
+    stresses = stress_extremes(run) if "envelopes" in run.streams else {}
+    values |= {(f"measures/{name}", "Pa", ""): value for name, value in stresses.items()}
+    tables = tables_of(run, "peaks", *_MEASURES)
+    peaks = tables.pop("peaks", Table([], [])).rows
     values |= {(f"peaks/{row[0]}", row[2], ""): abs(row[1]) for row in peaks if row[4]}  # of points
-    for name in makers.keys() & _MEASURES.keys():
-        table, (kind, keys) = makers[name](run), _MEASURES[name]
+    for name, table in tables.items():
+        kind, keys = _MEASURES[name]
         for row in table.rows:
             for heading, value in zip(table.header[keys:], row[keys:], strict=True):
                 measure, _, unit = heading.rstrip("]").partition(" [")

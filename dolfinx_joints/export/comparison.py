@@ -54,8 +54,8 @@ class Difference(NamedTuple):
 
     @property
     def relative(self) -> float:
-        """Difference divided by the scale."""
-        return self.difference / self.scale if self.difference else 0.0
+        """Difference divided by the scale, zero if all values are."""
+        return self.difference / (self.scale or 1.0)
 
 
 class Comparison(NamedTuple):
@@ -123,9 +123,8 @@ def compare(
         rows = [*_measures(runs), *_series(runs, notes)]
     only = [[n for n in one if n not in other], [n for n in other if n not in one]]
     largest: dict[Any, float] = {}
-    for row in rows:
-        for key in (row.quantity, _group(row)):
-            largest[key] = max(largest.get(key, 0.0), row.scale)
+    for row in sorted(rows, key=lambda row: row.scale):  # the largest one remains
+        largest |= {row.quantity: row.scale, _group(row): row.scale}
     for i, row in enumerate(rows):
         least = largest[_group(row)] * (1.0 if row.unit == "J" else _ROUNDING)
         row = row._replace(scale=max(largest[row.quantity], least))

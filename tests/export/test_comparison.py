@@ -162,6 +162,11 @@ def test_nan_equals_nan_alone(run: Path, tmp_path: Path) -> None:
     (row,) = (r for r in differing(compare(run, lost)) if r.unit == "m")
     assert (row.where[:7], row.relative, row.within) == ("heel[1]", np.inf, False)
     assert differing(compare(lost, lost)) == []
+    still = write_run(tmp_path / "still.h5")  # joint_slip is zero in all steps
+    (row,) = differing(
+        compare(still, changed(still, tmp_path, added("histories/joint_slip", 2, np.nan)))
+    )
+    assert (row.scale, row.relative, row.within) == (0.0, np.inf, False)
 
 
 def test_codes_are_listed_and_not_judged(run: Path, tmp_path: Path) -> None:

@@ -104,7 +104,7 @@ def compare(
     Series are compared at common times. If neither run has all times of the other, series of every
     step are interpolated linearly. Stages and monitor points are compared by name, fields only on
     equal meshes. Values that jump are not judged: counts, codes, times and places of largest
-    values; nor are raw accelerations at unequal times, and measures of unfinished runs.
+    values; nor are raw accelerations of other steps or meshes, and measures of unfinished runs.
 
     Args:
         a: Results file of the first run.
@@ -206,7 +206,7 @@ def _series(runs: Sequence[Results], notes: list[str]) -> Iterator[Difference]:
                 time = times[record] if stream == "statics" else f"t = {times[record]:.6g} s"
                 where = f"{where}{entry or ''}, {time}".removeprefix(", ")
                 jumps = row.by == "place" or first.dtype.kind == "i"
-                jumps |= name == "acceleration" and not exact
+                jumps |= name == "acceleration" and not (exact and same_mesh)
                 yield Difference(quantity, row.unit, where, *numbers, not jumps or None)
     if skipped:
         notes.append(f"Not compared, as the meshes differ: {listing(sorted(skipped))}.")

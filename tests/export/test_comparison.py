@@ -257,6 +257,7 @@ def test_fields_of_other_meshes_are_not_compared(run: Path, tmp_path: Path) -> N
         "envelopes",
     } == set()
     assert row_of(comparison, "histories/displacement").relative == 0.5
+    assert row_of(comparison, "histories/acceleration").within is None
 
 
 def test_static_stages_are_compared_by_name(tmp_path: Path) -> None:

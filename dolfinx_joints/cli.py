@@ -9,7 +9,7 @@ import gc
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from dolfinx_joints.common.progress import set_log_level
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; return 0, or 2 if a file cannot be used or written.
+    """Run a command; return 0, 1 if compared runs differ, 2 if a file cannot be used or written.
 
     Wrong usage exits with 2.
     """
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         set_log_level("INFO")
     try:
         with _warnings_in_lines(quiet=options.quiet):
-            options.run(options)
+            differs = options.run(options)
         sys.stdout.flush()
     except (JointsError, ValueError) as error:
         print(f"dolfinx-joints: {printable(str(error))}", file=sys.stderr)
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Discard buffered output; flushing it at exit would fail again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 2
-    return 0
+    return int(bool(differs))
 
 
 @contextmanager
@@ -64,35 +64,24 @@ def _warnings_in_lines(*, quiet: bool) -> Iterator[None]:
 def _parser() -> Parser:
     parser = Parser(
         prog="dolfinx-joints",
-        description="Split meshes at their joints; read, report and export results files.",
+        description="Split meshes at their joints; read, compare, report and export results files.",
     )
     parser.add_argument("--version", action="version", version=f"dolfinx_joints {__version__}")
     parser.add_argument(
         "--quiet", action="store_true", help="suppress progress and plausibility warnings"
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for add in (_add_report, _add_split, _add_info, _add_csv, _add_vtk, _add_completion):
-        add(commands)
+    for run, arguments in _COMMANDS.items():
+        text, name = str(run.__doc__), run.__name__.strip("_")
+        command = commands.add_parser(name, help=text.splitlines()[0], description=text)
+        command.set_defaults(run=run)
+        for argument, options in arguments:
+            command.add_argument(argument, **options)
     return parser
 
 
-def _add_report(commands: Any) -> None:
-    report = commands.add_parser(
-        "report",
-        help="write a report on one or several runs",
-        description="Write one HTML file, which needs no network, and a folder of pictures.",
-    )
-    report.add_argument("results", nargs="+", type=Path, metavar="RESULTS", help="results files")
-    report.add_argument(
-        "--out", type=Path, default=Path("report.html"), help="HTML file (default %(default)s)"
-    )
-    report.add_argument(
-        "--no-3d", action="store_true", help="omit the 3-D view and the pictures of the body"
-    )
-    report.set_defaults(run=_report)
-
-
 def _report(options: Any) -> None:
+    """Write a report on one or several runs: one HTML file, and a folder of pictures."""
     from dolfinx_joints import report
 
     atexit.register(gc.freeze)  # a search for garbage at exit takes 0.3 s
@@ -102,26 +91,8 @@ def _report(options: Any) -> None:
     print(f"{path}, {path.stat().st_size / 1e6:.1f} MB{pictures}")
 
 
-def _add_split(commands: Any) -> None:
-    split = commands.add_parser(
-        "split",
-        help="split a Gmsh mesh at its joints",
-        description="Split a mesh at its joints and write it to a file. read_split reads it in "
-        "parallel: each rank reads only its part.",
-    )
-    split.add_argument("mesh", type=Path, metavar="MESH", help="Gmsh .msh file")
-    split.add_argument("out", type=Path, metavar="FILE", help="HDF5 file to write")
-    split.add_argument(
-        "--joints",
-        nargs="*",
-        metavar="NAME",
-        help="joints to split (default: groups named joint...)",
-    )
-    split.add_argument("--force", action="store_true", help="replace an existing file")
-    split.set_defaults(run=_split)
-
-
 def _split(options: Any) -> None:
+    """Split a Gmsh mesh at its joints, and write it to a file for read_split."""
     from mpi4py import MPI
 
     from dolfinx_joints.mesh.distribution.split_file import write_split
@@ -132,39 +103,24 @@ def _split(options: Any) -> None:
     print(printable(f"{options.out}\n{split}"))
 
 
-def _add_info(commands: Any) -> None:
-    info = commands.add_parser(
-        "info",
-        help="list the contents of a results file",
-        description="List the contents of a results file.",
-    )
-    info.add_argument("file", type=Path, metavar="FILE", help="results file")
-    info.add_argument("--all", action="store_true", help="list every array with unit and meaning")
-    info.set_defaults(run=_info)
-
-
 def _info(options: Any) -> None:
+    """List the contents of a results file."""
     from dolfinx_joints.results.overview import describe, overview
 
     print(printable(describe(options.file) if options.all else overview(options.file)))
 
 
-def _add_csv(commands: Any) -> None:
-    tables = commands.add_parser(
-        "csv",
-        help="write CSV tables",
-        description="Write histories, energies, joint measures, resultants and all other tables of "
-        "a results file as CSV, with units in the headers.",
-    )
-    tables.add_argument("file", type=Path, metavar="FILE", help="results file")
-    tables.add_argument(
-        "--out", type=Path, required=True, metavar="FOLDER", help="folder of the tables"
-    )
-    tables.add_argument("--force", action="store_true", help="replace existing files")
-    tables.set_defaults(run=_csv)
+def _compare(options: Any) -> bool:
+    """Compare two results files; the exit code is 1 if they differ by more than the tolerance."""
+    from dolfinx_joints.export.comparison import compare
+
+    comparison = compare(options.file, options.other, tolerance=options.tolerance)
+    print(printable(str(comparison)))
+    return not comparison.within
 
 
 def _csv(options: Any) -> None:
+    """Write all tables of a results file as CSV, with units in the headers."""
     from dolfinx_joints.export.csv_files import write_csv
     from dolfinx_joints.results.reader import Results
 
@@ -173,21 +129,8 @@ def _csv(options: Any) -> None:
             print(path)
 
 
-def _add_vtk(commands: Any) -> None:
-    fields = commands.add_parser(
-        "vtk",
-        help="write files for ParaView",
-        description="Write the body and the joints in all recorded states as VTKHDF.",
-    )
-    fields.add_argument("file", type=Path, metavar="FILE", help="results file")
-    fields.add_argument(
-        "--out", type=Path, metavar="NAME", help="write NAME.vtkhdf (default: the name of FILE)"
-    )
-    fields.add_argument("--force", action="store_true", help="replace existing files")
-    fields.set_defaults(run=_vtk)
-
-
 def _vtk(options: Any) -> None:
+    """Write the body and the joints in all recorded states for ParaView (VTKHDF)."""
     from dolfinx_joints.export.paraview import write_vtk
     from dolfinx_joints.results.reader import Results
 
@@ -198,17 +141,8 @@ def _vtk(options: Any) -> None:
             print(path)
 
 
-def _add_completion(commands: Any) -> None:
-    completion = commands.add_parser(
-        "completion",
-        help="print the shell completion script",
-        description='Print the completion script: eval "$(dolfinx-joints completion bash)".',
-    )
-    completion.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="name of the shell")
-    completion.set_defaults(run=_completion)
-
-
 def _completion(options: Any) -> None:
+    """Print the completion script: eval "$(dolfinx-joints completion bash)"."""
     try:
         import shtab
     except ImportError:
@@ -219,3 +153,37 @@ def _completion(options: Any) -> None:
             if action.type is Path:
                 action.complete = shtab.FILE
     print(shtab.complete(parser, shell=options.shell))
+
+
+def _path(metavar: str, text: str, **options: Any) -> dict[str, Any]:
+    return {"type": Path, "metavar": metavar, "help": text, **options}
+
+
+_FLAG = {"action": "store_true"}
+_FILE = ("file", _path("FILE", "results file"))
+_FORCE = ("--force", _FLAG | {"help": "replace existing files"})
+_JOINTS = "joints to split (default: groups named joint...)"
+_TOLERANCE = "largest difference, relative to the largest value of the quantity (default 1e-3)"
+# Arguments of each command with their options.
+_COMMANDS: dict[Callable[[Any], bool | None], tuple[tuple[str, dict[str, Any]], ...]] = {
+    _report: (
+        ("results", _path("RESULTS", "results files", nargs="+")),
+        ("--out", _path("FILE", "HTML file (default report.html)", default=Path("report.html"))),
+        ("--no-3d", _FLAG | {"help": "omit the 3-D view and the pictures of the body"}),
+    ),
+    _split: (
+        ("mesh", _path("MESH", "Gmsh .msh file")),
+        ("out", _path("FILE", "HDF5 file to write")),
+        ("--joints", {"nargs": "*", "metavar": "NAME", "help": _JOINTS}),
+        _FORCE,
+    ),
+    _info: (_FILE, ("--all", _FLAG | {"help": "list every array with unit and meaning"})),
+    _compare: (
+        _FILE,
+        ("other", _path("OTHER", "results file of the other run")),
+        ("--tolerance", {"type": float, "default": 1e-3, "metavar": "X", "help": _TOLERANCE}),
+    ),
+    _csv: (_FILE, ("--out", _path("FOLDER", "folder of the tables", required=True)), _FORCE),
+    _vtk: (_FILE, ("--out", _path("NAME", "name of the files (default: that of FILE)")), _FORCE),
+    _completion: (("shell", {"choices": ("bash", "zsh", "tcsh"), "help": "name of the shell"}),),
+}

@@ -7,9 +7,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.export.optional import import_optional
 from dolfinx_joints.export.tables import TABLES, tables_of
-from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.reader import Results, listing
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -36,7 +37,11 @@ def to_pandas(results: Results, table: TableName = "histories") -> DataFrame:
         ImportError: pandas is missing.
     """
     pandas = import_optional("pandas")
-    columns = tables_of(results, table)[table]
+    tables = tables_of(results, table)
+    if not tables:
+        available = listing(tables_of(results))
+        raise ResultsError(f"{results.path} has no table {table!r}; it has {available}.")
+    columns = tables[table]
     frame = pandas.DataFrame(columns.rows, columns=columns.header)
     if columns.header[0] == "time [s]":
         frame = frame.set_index("time [s]")

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.postprocessing.frames import ZEROS, static_displacement
 from dolfinx_joints.postprocessing.joints.resultants import (
@@ -30,7 +29,7 @@ from dolfinx_joints.postprocessing.peaks import (
 from dolfinx_joints.postprocessing.static_stages import StageEnergy, static_stages
 from dolfinx_joints.results.arguments import COMPONENTS, check_results
 from dolfinx_joints.results.quantities import TABLE, Quantity, row_of, rows_below
-from dolfinx_joints.results.reader import Results, listing
+from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[Any]
 
@@ -43,27 +42,19 @@ class Table:
     rows: list[list[Any]]
 
 
-def tables_of(results: Results, only: str | None = None) -> dict[str, Table]:
+def tables_of(results: Results, *only: str) -> dict[str, Table]:
     """Return the tables of `csv_files.write_csv` by name, except tables without data in the file.
 
-    Args:
-        results: The run.
-        only: Name of the table to make; all tables by default.
-
-    Raises:
-        ResultsError: The file has no data for the table ``only``.
+    With names of tables, only these are made.
     """
     check_results(results)
     streams = {name for name in results.streams if results.rows(name)}
     streams |= {"modes"} if "modes/frequency" in results.statics else set()
-    makers = {
-        name: make
+    return {
+        name: make(results)
         for name, (stream, of_joints, make) in TABLES.items()
-        if stream in streams and (results.joints or not of_joints)
+        if stream in streams and (results.joints or not of_joints) and name in (only or TABLES)
     }
-    if only is not None and only not in makers:
-        raise ResultsError(f"{results.path} has no table {only!r}; it has {listing(makers)}.")
-    return {name: make(results) for name, make in makers.items() if only in (None, name)}
 
 
 def _columns(columns: Iterable[tuple[str, str, Any]]) -> Table:

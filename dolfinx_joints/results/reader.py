@@ -184,7 +184,8 @@ class Results(Summarised):
         names = self.metadata.get("point_names")
         if isinstance(names, list):
             return [str(name) for name in names]
-        return [f"point {i}" for i in range(len(self.static("histories/points")))]
+        count = len(self.static("histories/points")) if "histories/points" in self.statics else 0
+        return [f"point {i}" for i in range(count)]
 
     @checked
     def point_index(self, point: int | str) -> int:

@@ -15,7 +15,11 @@ from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
 from dolfinx_joints.postprocessing.frames import usual_reference
 from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
-from dolfinx_joints.postprocessing.measures import acceleration_history, displacement_history
+from dolfinx_joints.postprocessing.measures import (
+    acceleration_history,
+    common_band,
+    displacement_history,
+)
 from dolfinx_joints.postprocessing.static_stages import static_stages
 from dolfinx_joints.results.arguments import COMPONENTS
 from dolfinx_joints.results.reader import Results
@@ -142,7 +146,8 @@ def main_values(results: Results, *, band: float = ACCELERATION_BAND) -> dict[st
 
     Args:
         results: The run.
-        band: Cut-off frequency of the accelerations [Hz].
+        band: Cut-off frequency of the accelerations [Hz], at most that of `common_band`; the name
+            of the value contains it.
     """
     is_dynamic = "histories" in results.streams
     values = _dynamic_values(results, band) if is_dynamic else _static_values(results)
@@ -162,6 +167,7 @@ def _dynamic_values(results: Results, band: float) -> dict[str, float]:
         peak = displacement_peak(results, points, usual_reference(results))
         values[CREST_DISPLACEMENT] = peak.value
     if points and {"acceleration", *["ground_acceleration"] * results.relative} <= recorded:
+        band = common_band(results, band=band)
         peak = acceleration_peak(results, points, band=band)
         values[CREST_ACCELERATION.format(band)] = peak.value
     values |= {title: stress_peak(results, name).value for name, title in STRESSES.items()}
@@ -172,7 +178,9 @@ def _dynamic_values(results: Results, band: float) -> dict[str, float]:
         values |= {f"{joint}: {title}": series[n].max() for title, n in of_series.items()}
     if "energy" in results.streams and results.rows("energy"):
         lines = energy_lines(results)
-        values |= {f"largest {name} energy [J]": lines[name].max() for name in ("kinetic", "strain")}
+        values |= {
+            f"largest {name} energy [J]": lines[name].max() for name in ("kinetic", "strain")
+        }
         losses = {"viscous": "work against damping [J]", "friction": "work against friction [J]"}
         values |= {title: lines[name][-1] for name, title in losses.items()}
     return values
@@ -183,8 +191,7 @@ def _static_values(results: Results) -> dict[str, float]:
     stage, points = static_stages(results)[-1], crest_points(results)
     values: dict[str, float] = {}
     if points:
-        moved = [np.abs(stage.displacement[point]).max() for point in points]
-        values[CREST_DISPLACEMENT] = max(moved)
+        values[CREST_DISPLACEMENT] = max(np.abs(stage.displacement[p]).max() for p in points)
     values |= {title: stage.stresses[name] for name, title in STRESSES.items()}
     for joint, state in stage.joints.items():
         moved = (state.opening_max, state.slip_max, state.sliding_safety)

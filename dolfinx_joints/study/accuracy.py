@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import annotated_types as at
 import numpy as np
@@ -20,7 +20,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import StudyError
 from dolfinx_joints.postprocessing.peaks import main_values
 from dolfinx_joints.results.reader import Results
-from dolfinx_joints.study.extrapolation import Cost, Estimate, cheapest, estimated_error
+from dolfinx_joints.study.extrapolation import Cost, cheapest, estimated_error
 from dolfinx_joints.study.runner import Study
 from dolfinx_joints.study.table import TABLE, Row, Table, read_rows, write_csv
 
@@ -30,6 +30,7 @@ Time = Annotated[float, at.Gt(0.0), at.Unit("s")]
 
 GIVEN = "given"
 _STEP_ORDER = 2.0  # of the time schemes
+_LONG = 4.0  # accelerations are compared in a band that steps of this factor resolve
 _PLANE, _QUADRATIC = (5, 9, 69, 70), 68  # VTK's numbers of plane cells; least one of Lagrange cells
 # Columns that precede the values in the rows of the runs.
 _SECONDS, _CELLS, _DIMENSION, _DEGREE = "processor_s", "cells", "dimension", "degree"
@@ -81,7 +82,7 @@ class Accuracy:
             ``cell_error``, ``cell_kind``, ``cell_order`` (see `Estimate`). ``dt [s]``, ``size [m]``
             and ``seconds [s]`` are those of the predicted run, NaN if a value has no limit.
         runs: Table of the runs, see `read_table`.
-        seconds: Processor time of all runs divided by that of the given run.
+        lacking: Names of values of the given run that another run does not have.
     """
 
     path: Path
@@ -90,7 +91,7 @@ class Accuracy:
     target: float
     table: Table
     runs: Table
-    seconds: float
+    lacking: list[str]
 
     @property
     def bars(self) -> dict[str, tuple[float, float]]:
@@ -130,9 +131,12 @@ class Accuracy:
             f"{name} {cost:.2g} s"
             for name, cost in zip(self.runs["case"], self.runs[_SECONDS], strict=True)
         )
-        notes = [f"Processor time: {seconds}; together {self.seconds:.1f} times the given run."]
+        total = self.runs[_SECONDS].sum() / self.runs[_SECONDS][0]
+        notes = [f"Processor time: {seconds}; together {total:.1f} times the given run."]
         if "no order" in kinds:
             notes.append("no order: the runs do not converge steadily; < is a cautious bound.")
+        if self.lacking:
+            notes.append(f"Not in all runs, so without an error: {', '.join(self.lacking)}.")
         if "growth" in kinds:
             notes.append(
                 "growth: the peak grows with refinement and has no limit, as at a re-entrant "
@@ -142,7 +146,9 @@ class Accuracy:
 
 
 def _share(error: float, value: float, bounded: bool) -> str:
-    """Return an error as a share of the value."""
+    """Return an error as a share of the value, in words."""
+    if not np.isfinite(error):
+        return "no limit"
     share = f"{100 * error / value:.2g} %" if value else f"{error:.2g}"
     return f"< {share}" if bounded else share
 
@@ -172,7 +178,7 @@ def accuracy(
         path: Folder of the study.
         run: Function at the top level of a module, called as ``run(folder, size=..., dt=...)``. It
             makes a run with this cell size and time step, writes its files to the folder, and
-            returns the results file, or values of its own by name.
+            returns the results file, or other values by name.
         size: Cell size of the given run.
         dt: Time step of the given run.
         steps: Factors of the time step in the other runs; below 1 for finer ones, or none.
@@ -188,14 +194,16 @@ def accuracy(
     try:
         signature(run).bind(Path(), size=size, dt=dt)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"accuracy: run must accept (folder, size=..., dt=...): {error}.") from None
+        raise ValueError(
+            f"accuracy: run must accept (folder, size=..., dt=...): {error}."
+        ) from None
     for name, factors in (("steps", steps), ("cells", cells)):
         if len({*factors}) == 1 or not all(0.0 < factor != 1.0 for factor in factors):
             raise ValueError(
                 f"accuracy: {name} is {factors}; it must be two or more positive factors other "
                 "than 1, or empty."
             )
-    band = min(ACCELERATION_BAND, 0.5 / (dt * max(1.0, 1.0, *steps)))  # that all runs resolve
+    band = min(ACCELERATION_BAND, 0.5 / (_LONG * dt))
     function = getattr(run, "__qualname__", type(run).__name__)
     given = {"size": size, "dt": dt, "band": band, "function": function}
     cases = {GIVEN: given}
@@ -207,11 +215,18 @@ def accuracy(
     if tally.failed:
         raise StudyError(f"An estimate needs all runs of {study.path}: {tally}")
     rows = read_rows(study.path / TABLE)
-    table, seconds = _errors(rows, given, target)
+    names = [name for name in rows[0]["values"] if name not in _OWN]  # of the given run
+    shared = [n for n in names if all(_is_number(row["values"].get(n)) for row in rows)]
+    table = _errors(rows, shared, target)
     write_csv(table, study.path / "accuracy.csv")
-    runs = study.table()
     return Accuracy(
-        path=study.path, size=size, dt=dt, target=target, table=table, runs=runs, seconds=seconds
+        path=study.path,
+        size=size,
+        dt=dt,
+        target=target,
+        table=table,
+        runs=study.table(),
+        lacking=[name for name in names if name not in shared],
     )
 
 
@@ -231,13 +246,11 @@ def _with_earlier(path: Path, cases: Mapping[str, Row]) -> dict[str, Row]:
     return {**cases, **complete}
 
 
-def _errors(rows: list[Row], given: Row, target: float) -> tuple[Table, float]:
-    """Return the table of errors, and the processor time in units of the given run."""
-    first = next(row["values"] for row in rows if row["case"] == GIVEN)
+def _errors(rows: list[Row], names: list[str], target: float) -> Table:
+    """Return the table of the errors of the first run."""
+    given, first = rows[0]["parameters"], rows[0]["values"]
     steps, cells = _by_step(rows, given), _by_cell(rows, given, first)
-    runs = [row["values"] for row in rows]
     cost = Cost.fitted(*({x: run[_SECONDS] for x, run in runs.items()} for runs in (steps, cells)))
-    names = [n for n in first if n not in _OWN and all(_is_number(run.get(n)) for run in runs)]
     columns: Row = {name: [] for name in _COLUMNS}
     for name in names:
         value = first[name]
@@ -259,8 +272,7 @@ def _errors(rows: list[Row], given: Row, target: float) -> tuple[Table, float]:
         row += [x * given["dt"], y * given["size"], seconds]
         for column, part in zip(columns.values(), row, strict=True):
             column.append(part)
-    table = {name: np.array(column) for name, column in columns.items()}
-    return table, sum(run[_SECONDS] for run in runs) / first[_SECONDS]
+    return {name: np.array(column) for name, column in columns.items()}
 
 
 def _by_step(rows: list[Row], given: Row) -> dict[float, Row]:

@@ -52,7 +52,8 @@ def estimated_error(
 ) -> Estimate:
     """Estimate the error of the run of size 1 from the three finest runs.
 
-    With h1 < h2 < h3, the observed order p solves (v3 - v2)/(v2 - v1) = (h3^p - h2^p)/(h2^p - h1^p).
+    With h1 < h2 < h3, the observed order p solves
+    (v3 - v2) / (v2 - v1) = (h3^p - h2^p) / (h2^p - h1^p).
     If it is in the accepted range, the limit is v1 - (v2 - v1) h1^p / (h2^p - h1^p), with p at most
     the formal order. Otherwise the error is bounded by the steepest change between two runs as if
     it were of first order, times a factor of safety.
@@ -134,7 +135,7 @@ def cheapest(
     the coarsest that were run. The result is NaN if a value grows without limit, or if a size is
     below `REACH`.
     """
-    if any(estimate.kind == "growth" for estimate in errors) or not allowed > 0.0:
+    if any(estimate.kind == "growth" for estimate in errors):
         return np.nan, np.nan, np.nan
     share = np.linspace(0.01, 0.99, 99)  # of the allowed error, for the step
     sizes = []
@@ -143,8 +144,10 @@ def cheapest(
         if estimate.error > 0.0:
             size = np.minimum(most, (part * allowed / estimate.error) ** (1.0 / estimate.order))
         sizes.append(size)
-    seconds = np.where(np.minimum(*sizes) < REACH, np.inf, cost(*sizes))
+    x, y = sizes
+    seconds = cost(np.maximum(x, REACH), np.maximum(y, REACH))
+    seconds[np.minimum(x, y) < REACH] = np.inf
     if not np.isfinite(seconds).any():
         return np.nan, np.nan, np.nan
     best = int(np.argmin(seconds))
-    return float(sizes[0][best]), float(sizes[1][best]), float(seconds[best])
+    return float(x[best]), float(y[best]), float(seconds[best])

@@ -130,7 +130,7 @@ def test_several_ranks_are_refused_on_each(tmp_path, monkeypatch):
 
 
 def test_the_example_of_the_guide(tmp_path):
-    """Expected: the upper block does not move while the ground moves by 30 t^3 / 6: slip 0.04 m at 0.2 s."""
+    """Expected: the upper block rests while the ground moves by 30 t^3 / 6, 0.04 m at 0.2 s."""
     pytest.importorskip("dolfinx")
     pytest.importorskip("gmsh")
     (code,) = (

@@ -191,25 +191,8 @@ def accuracy(
         ValueError: A direction has a single factor, or a factor is not positive or is 1.
         StudyError: A run failed, the folder contains another study, or several ranks call.
     """
-    try:
-        signature(run).bind(Path(), size=size, dt=dt)
-    except (TypeError, ValueError) as error:
-        raise ValueError(
-            f"accuracy: run must accept (folder, size=..., dt=...): {error}."
-        ) from None
-    for name, factors in (("steps", steps), ("cells", cells)):
-        if len({*factors}) == 1 or not all(0.0 < factor != 1.0 for factor in factors):
-            raise ValueError(
-                f"accuracy: {name} is {factors}; it must be two or more positive factors other "
-                "than 1, or empty."
-            )
-    band = min(ACCELERATION_BAND, 0.5 / (_LONG * dt))
-    function = getattr(run, "__qualname__", type(run).__name__)
-    given = {"size": size, "dt": dt, "band": band, "function": function}
-    cases = {GIVEN: given}
-    cases |= {f"step_x{factor:g}": given | {"dt": factor * dt} for factor in steps}
-    cases |= {f"cell_x{factor:g}": given | {"size": factor * size} for factor in cells}
-    study = Study(path, _Measured(run), _with_earlier(Path(path), cases))
+    cases = _with_earlier(Path(path), _cases(run, size, dt, steps, cells))
+    study = Study(path, _Measured(run), cases)
     cores = len(os.sched_getaffinity(0))
     tally = study.run(workers=workers or cores, retry_failed=True, progress=progress)
     if tally.failed:
@@ -228,6 +211,31 @@ def accuracy(
         runs=study.table(),
         lacking=[name for name in names if name not in shared],
     )
+
+
+def _cases(
+    run: Run, size: float, dt: float, steps: tuple[float, ...], cells: tuple[float, ...]
+) -> dict[str, Row]:
+    """Return the parameters of the runs; raise a ValueError if arguments are not allowed."""
+    try:
+        signature(run).bind(Path(), size=size, dt=dt)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"accuracy: run must accept (folder, size=..., dt=...): {error}."
+        ) from None
+    for name, factors in (("steps", steps), ("cells", cells)):
+        if len({*factors}) == 1 or not all(0.0 < factor != 1.0 for factor in factors):
+            raise ValueError(
+                f"accuracy: {name} is {factors}; it must be two or more positive factors other "
+                "than 1, or empty."
+            )
+    band = min(ACCELERATION_BAND, 0.5 / (_LONG * dt))
+    function = getattr(run, "__qualname__", type(run).__name__)
+    given = {"size": size, "dt": dt, "band": band, "function": function}
+    cases = {GIVEN: given}
+    cases |= {f"step_x{factor:g}": given | {"dt": factor * dt} for factor in steps}
+    cases |= {f"cell_x{factor:g}": given | {"size": factor * size} for factor in cells}
+    return cases
 
 
 def _with_earlier(path: Path, cases: Mapping[str, Row]) -> dict[str, Row]:

@@ -39,12 +39,14 @@ class Estimate:
             is a cautious bound. "growth": a peak grows with refinement and has no limit; the error
             is infinite. "constant": all values are equal. "not varied": there is a single run.
         error: Estimated error, at least zero.
-        order: Order of the error with which sizes are predicted, NaN without prediction.
+        order: Observed order, NaN without one.
+        rate: Order with which the error at other sizes is predicted.
     """
 
     kind: Kind
     error: float
-    order: float
+    order: float = np.nan
+    rate: float = 1.0
 
 
 def estimated_error(
@@ -55,8 +57,8 @@ def estimated_error(
     With h1 < h2 < h3, the observed order p solves
     (v3 - v2) / (v2 - v1) = (h3^p - h2^p) / (h2^p - h1^p).
     If it is in the accepted range, the limit is v1 - (v2 - v1) h1^p / (h2^p - h1^p), with p at most
-    the formal order. Otherwise the error is bounded by the steepest change between two runs as if
-    it were of first order, times a factor of safety.
+    the formal order. Otherwise the error is bounded by the largest difference of two values, times
+    a factor of safety; of monotone values also by the extrapolation with first order.
 
     Args:
         sizes: Relative sizes, one of them 1, different from each other, shape (n,).
@@ -66,23 +68,24 @@ def estimated_error(
     """
     h, v = np.asarray(sizes, dtype=np.float64), np.asarray(values, dtype=np.float64)
     if len(h) == 1:
-        return Estimate(kind="not varied", error=0.0, order=np.nan)
+        return Estimate(kind="not varied", error=0.0)
     if np.ptp(v) <= _ROUNDING * np.abs(v).max():
-        return Estimate(kind="constant", error=0.0, order=np.nan)
+        return Estimate(kind="constant", error=0.0)
     given = v[h == 1.0][0]
     fine = np.argsort(h)[:3]
     h, v = h[fine], v[fine]
     order = _observed_order(h, v)
     grows = abs(v[0]) - abs(v[-1]) > _GROWTH * abs(v[0])
     if may_grow and grows and order < _GROWTH_ORDER:
-        return Estimate(kind="growth", error=np.inf, order=np.nan)
+        return Estimate(kind="growth", error=np.inf)
     if LEAST_ORDER <= order <= formal_order + BEYOND:
         used = min(order, formal_order)
         limit = v[0] - (v[1] - v[0]) / ((h[1] / h[0]) ** used - 1.0)
-        return Estimate(kind="order", error=float(abs(given - limit)), order=order)
-    pairs = [(i, j) for i in range(len(h)) for j in range(i)]
-    slope = max(abs(v[i] - v[j]) / (h[i] - h[j]) for i, j in pairs)
-    return Estimate(kind="no order", error=float(CAUTION * slope), order=1.0)
+        return Estimate(kind="order", error=float(abs(given - limit)), order=order, rate=used)
+    spread = np.ptp([*v, given])
+    if np.isfinite(order):  # monotone: the limit may be farther away than all values
+        spread = max(spread, abs(v[1] - v[0]) * h[0] / (h[1] - h[0]))
+    return Estimate(kind="no order", error=float(CAUTION * spread))
 
 
 def _observed_order(h: Floats, v: Floats) -> float:
@@ -131,9 +134,9 @@ def cheapest(
 ) -> tuple[float, float, float]:
     """Return relative step, relative cell size and seconds of the cheapest run in an allowed error.
 
-    The error of each direction is scaled by the size to the power of its order. Sizes are at most
-    the coarsest that were run. The result is NaN if a value grows without limit, or if a size is
-    below `REACH`.
+    The error of each direction is proportional to the size to the power of its rate. Sizes are at
+    most the coarsest that were run. The result is NaN if a value grows without limit, or if a size
+    is below `REACH`.
     """
     if any(estimate.kind == "growth" for estimate in errors):
         return np.nan, np.nan, np.nan
@@ -142,7 +145,7 @@ def cheapest(
     for estimate, part, most in zip(errors, (share, 1.0 - share), coarsest, strict=True):
         size = np.full_like(share, most)
         if estimate.error > 0.0:
-            size = np.minimum(most, (part * allowed / estimate.error) ** (1.0 / estimate.order))
+            size = np.minimum(most, (part * allowed / estimate.error) ** (1.0 / estimate.rate))
         sizes.append(size)
     x, y = sizes
     seconds = cost(np.maximum(x, REACH), np.maximum(y, REACH))

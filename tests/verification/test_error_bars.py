@@ -21,11 +21,14 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+pytest.importorskip("gmsh")
 from boxes import box
 from test_sliding_block import EXACT, shake
 
 import dolfinx_joints as dj
 from benchmarks.shared.problems import impact, march, oscillator
+from benchmarks.shared.scenes import mesh_of
+from dolfinx_joints.geometry.jointed_wall import jointed_wall
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -108,3 +111,27 @@ def test_effectivity_of_smooth_scenes(tmp_path):
     assert all(0.5 < share < 2.0 for share in shares.values()), shares
     assert set(result.table["step_kind"]) == {"order"}
     assert result.table["cell_kind"].tolist() == [*["constant"] * 4, "order"]
+
+
+def wall(folder, *, size, dt):
+    """Push a clamped wall sideways by three times its weight."""
+    sides = {"length": 4.0, "thickness": 2.0, "height": 4.0}
+    model = dj.Model(
+        mesh_of(jointed_wall, joints=0, size=size, **sides),
+        material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity(acceleration=(30.0, 0.0, -10.0))],
+    )
+    path = folder / "run.h5"
+    points = {"crest": (0.0, 0.0, 4.0)}
+    monitor = dj.ResultsMonitor(path, points=points, envelopes=True)
+    dj.Simulation(model, monitors=[monitor]).statics()
+    return path
+
+
+def test_stresses_at_a_clamped_edge_grow(tmp_path):
+    """Between a clamped and a free face at 90 degrees stresses are singular (Williams 1952)."""
+    result = dj.accuracy(tmp_path / "a", wall, size=0.5, dt=1.0, steps=(), cells=(4 / 3, 2.0))
+    kinds = dict(zip(result.table["value"], result.table["cell_kind"], strict=True))
+    assert kinds["largest tension [Pa]"] == kinds["largest compression [Pa]"] == "growth"
+    assert kinds["crest displacement [m]"] == kinds["strain energy [J]"] == "order"

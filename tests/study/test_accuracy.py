@@ -13,9 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from declared import declare_histories
+from written_runs import CUBE, FACES
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.errors import StudyError
+from dolfinx_joints.results.layout import Cells, declare_body
+from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.study import read_table
 
 GUIDE = Path(__file__).resolve().parents[2] / "docs/guide/studies.md"
@@ -38,8 +42,9 @@ def failing(folder, *, size, dt):
     return {"u [m]": dt}
 
 
-def same_cells(folder, *, size, dt):
-    return GUIDE
+def same_file(folder, *, size, dt):
+    """A run that uses neither size nor step."""
+    return folder.parents[2] / "run.h5"
 
 
 def test_errors_of_values_that_are_powers(tmp_path):
@@ -103,6 +108,17 @@ def test_a_failed_run_is_made_again(tmp_path):
     (path / "cured").touch()
     result = dj.accuracy(path, failing, **LEVELS, progress=False)
     assert result.table["step_order"] == pytest.approx([1.0], rel=1e-4)
+
+
+def test_runs_on_equal_cells_are_refused(tmp_path):
+    with ResultsWriter(tmp_path / "run.h5", {}) as writer:
+        cells = Cells(12, np.arange(8).reshape(1, 8), {})
+        declare_body(writer, CUBE, FACES, {}, cells)
+        declare_histories(writer, [CUBE[-1]])
+        writer.start()
+        writer.finish("complete", {})
+    with pytest.raises(StudyError, match="'cell_x1.26' has as many cells as another one"):
+        dj.accuracy(tmp_path / "a", same_file, **LEVELS, progress=False)
 
 
 @pytest.mark.parametrize(

@@ -98,9 +98,8 @@ class Outcome(Summarised):
         energy_error: Largest energy error relative to the largest energy, loss or input.
         imbalance: Largest energy imbalance, with numerical losses, divided by the largest energy;
             None if the scheme loses energy of the body, which the ledger does not count.
-        local_error: Largest estimated displacement error of a single step, divided by the largest
-            displacement from the start of the stage, 2-norms over all dofs. It is not the error of
-            the run, for which see `dj.accuracy`.
+        local_error: Largest estimated displacement error of a single step, not of the run, divided
+            by the largest displacement from the start of the stage, 2-norms over all dofs.
         steps: Number of steps requested.
         counts: Accepted substeps, more than ``steps`` if steps were divided, and rejected attempts.
         iterations: Newton iterations of all accepted substeps.

@@ -35,12 +35,6 @@ _PLANE, _QUADRATIC = (5, 9, 69, 70), 68  # VTK's numbers of plane cells; least o
 # Columns that precede the values in the rows of the runs.
 _SECONDS, _CELLS, _DIMENSION, _DEGREE = "processor_s", "cells", "dimension", "degree"
 _OWN = (_SECONDS, _CELLS, _DIMENSION, _DEGREE)
-_DIRECTIONS = ("step", "cell")
-_COLUMNS = (
-    *("value", "given", "error"),
-    *(f"{of}_{part}" for of in _DIRECTIONS for part in ("error", "kind", "order")),
-    *("dt [s]", "size [m]", "seconds [s]"),
-)
 
 
 @dataclass(frozen=True)
@@ -114,7 +108,7 @@ class Accuracy:
         value, error = abs(row["given"]), row["error"]
         bounded = "no order" in (row["step_kind"], row["cell_kind"])
         texts = [row["value"], f"{row['given']:.4g}", _share(error, value, bounded)]
-        for name in _DIRECTIONS:
+        for name in ("step", "cell"):
             kind, order = row[f"{name}_kind"], row[f"{name}_order"]
             share = _share(row[f"{name}_error"], value, kind == "no order")
             words = f"{share}, order {order:.1f}" if kind == "order" else f"{share}, {kind}"
@@ -127,12 +121,10 @@ class Accuracy:
 
     def _notes(self) -> list[str]:
         kinds = {*self.table["step_kind"], *self.table["cell_kind"]}
-        seconds = ", ".join(
-            f"{name} {cost:.2g} s"
-            for name, cost in zip(self.runs["case"], self.runs[_SECONDS], strict=True)
-        )
-        total = self.runs[_SECONDS].sum() / self.runs[_SECONDS][0]
-        notes = [f"Processor time: {seconds}; together {total:.1f} times the given run."]
+        cases, seconds = self.runs["case"], self.runs[_SECONDS]
+        each_run = [f"{name} {s:.2g} s" for name, s in zip(cases, seconds, strict=True)]
+        total = f"together {seconds.sum() / seconds[0]:.1f} times the given run"
+        notes = [f"Processor time: {', '.join(each_run)}; {total}."]
         if "no order" in kinds:
             notes.append("no order: the runs do not converge steadily; < is a cautious bound.")
         if self.lacking:
@@ -149,7 +141,8 @@ def _share(error: float, value: float, bounded: bool) -> str:
     """Return an error as a share of the value, in words."""
     if not np.isfinite(error):
         return "no limit"
-    share = f"{100 * error / value:.2g} %" if value else f"{error:.2g}"
+    percent = 100.0 * error / value if value else 0.0
+    share = f"{percent:.0f} %" if percent >= 99.5 else f"{percent:.2g} %"
     return f"< {share}" if bounded else share
 
 
@@ -199,7 +192,7 @@ def accuracy(
         raise StudyError(f"An estimate needs all runs of {study.path}: {tally}")
     rows = read_rows(study.path / TABLE)
     names = [name for name in rows[0]["values"] if name not in _OWN]  # of the given run
-    shared = [n for n in names if all(_is_number(row["values"].get(n)) for row in rows)]
+    shared = [n for n in names if all(_has_number(row["values"], n) for row in rows)]
     table = _errors(rows, shared, target)
     write_csv(table, study.path / "accuracy.csv")
     return Accuracy(
@@ -259,28 +252,30 @@ def _errors(rows: list[Row], names: list[str], target: float) -> Table:
     given, first = rows[0]["parameters"], rows[0]["values"]
     steps, cells = _by_step(rows, given), _by_cell(rows, given, first)
     cost = Cost.fitted(*({x: run[_SECONDS] for x, run in runs.items()} for runs in (steps, cells)))
-    columns: Row = {name: [] for name in _COLUMNS}
+    orders = {"step": (steps, _STEP_ORDER), "cell": (cells, 2.0 * first.get(_DEGREE, 1.0))}
+    lines: list[Row] = []
     for name in names:
-        value = first[name]
-        estimates = [
-            estimated_error(
-                [*levels],
-                [run[name] for run in levels.values()],
+        value = abs(first[name])
+        estimates = {
+            direction: estimated_error(
+                [*runs],
+                [run[name] for run in runs.values()],
                 formal_order=order,
-                may_grow=may_grow and name.endswith("[Pa]"),
+                may_grow=direction == "cell" and name.endswith("[Pa]"),
             )
-            for levels, order, may_grow in (
-                (steps, _STEP_ORDER, False),
-                (cells, 2.0 * first.get(_DEGREE, 1.0), True),
-            )
-        ]
-        x, y, seconds = cheapest(target * abs(value), estimates, (max(steps), max(cells)), cost)
-        row = [name, value, sum(e.error for e in estimates)]
-        row += [part for e in estimates for part in (e.error, e.kind, e.order)]
-        row += [x * given["dt"], y * given["size"], seconds]
-        for column, part in zip(columns.values(), row, strict=True):
-            column.append(part)
-    return {name: np.array(column) for name, column in columns.items()}
+            for direction, (runs, order) in orders.items()
+        }
+        both = [*estimates.values()]
+        x, y, seconds = cheapest(target * value, both, (max(steps), max(cells)), cost)
+        line = {"value": name, "given": first[name], "error": sum(e.error for e in both)}
+        for direction, e in estimates.items():
+            parts = {"error": e.error, "kind": e.kind, "order": e.order}
+            line |= {f"{direction}_{part}": quantity for part, quantity in parts.items()}
+        ahead = {"dt [s]": x * given["dt"], "size [m]": y * given["size"], "seconds [s]": seconds}
+        lines.append(line | ahead)
+    if not lines:
+        raise StudyError("The runs have no value in common: record monitor points or joints.")
+    return {name: np.array([line[name] for line in lines]) for name in lines[0]}
 
 
 def _by_step(rows: list[Row], given: Row) -> dict[float, Row]:
@@ -292,23 +287,21 @@ def _by_step(rows: list[Row], given: Row) -> dict[float, Row]:
 def _by_cell(rows: list[Row], given: Row, first: Row) -> dict[float, Row]:
     """Return the values of the runs by cell size, relative to the given run.
 
-    The mean size follows from the number of cells, as meshes do not have exactly the size asked.
-    Without cells in the files, the given sizes count.
+    A mesh does not have exactly the given size, so the mean size follows from the number of cells.
     """
-    runs = {}
-    for row in rows:
-        if row["parameters"]["dt"] == given["dt"]:
-            values, size = row["values"], row["parameters"]["size"] / given["size"]
-            if _CELLS in values:
-                size = float((first[_CELLS] / values[_CELLS]) ** (1.0 / values[_DIMENSION]))
-            if size in runs:
-                raise StudyError(
-                    f"The case {row['case']!r} has as many cells as another one: the function does "
-                    "not use the size, or the factors in cells are too close."
-                )
-            runs[size] = values
+    runs: dict[float, Row] = {}
+    for row in (row for row in rows if row["parameters"]["dt"] == given["dt"]):
+        values, size = row["values"], row["parameters"]["size"] / given["size"]
+        if _CELLS in values:
+            size = float((first[_CELLS] / values[_CELLS]) ** (1.0 / values[_DIMENSION]))
+        if size in runs:
+            raise StudyError(
+                f"The case {row['case']!r} has as many cells as another one: the function does "
+                "not use the size, or the factors in cells are too close."
+            )
+        runs[size] = values
     return runs
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, float) and bool(np.isfinite(value))
+def _has_number(values: Row, name: str) -> bool:
+    return isinstance(values.get(name), float) and bool(np.isfinite(values[name]))

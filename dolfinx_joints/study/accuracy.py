@@ -130,9 +130,10 @@ class Accuracy:
         if self.lacking:
             notes.append(f"Not in all runs, so without an error: {', '.join(self.lacking)}.")
         if "growth" in kinds:
+            growing = self.table["value"][self.table["cell_kind"] == "growth"]
             notes.append(
-                "growth: the peak grows with refinement and has no limit, as at a re-entrant "
-                "corner. Its value depends on the cells; evaluate stresses away from the corner."
+                f"growth: {', '.join(growing)}. These peaks grow as cells shrink and have no limit, "
+                "as at a corner or where a dam meets rock; evaluate stresses away from there."
             )
         return notes
 
@@ -166,6 +167,7 @@ def accuracy(
 
     The error of the step and the error of the cells are estimated separately and added
     (`estimated_error`). Both exclude what the runs have in common, such as the model and its data.
+    A peak of stress that grows with refinement may need finer cells to be recognised.
 
     Args:
         path: Folder of the study.

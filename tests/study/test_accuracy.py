@@ -43,7 +43,7 @@ def failing(folder, *, size, dt):
 
 
 def same_file(folder, *, size, dt):
-    """A run that uses neither size nor step."""
+    """Return a file whatever size and step are."""
     return folder.parents[2] / "run.h5"
 
 
@@ -69,7 +69,7 @@ def test_errors_of_values_that_are_powers(tmp_path):
     assert re.search(r" 7\.9 %  +0\.72 %, order 2\.0  +7\.2 %, order 1\.0 ", lines[name])
     assert re.search(r" no limit  +constant  +growth  +out of reach$", lines["peak [Pa]"])
     assert re.search(r"< [\d.]+ %  +< [\d.]+ %, no order  +constant ", lines["erratic [m]"])
-    assert "growth: the peak grows with refinement and has no limit" in shown
+    assert "growth: peak [Pa]. These peaks grow as cells shrink" in shown
     assert result.lacking == ["lost [m]"]
     assert "Not in all runs, so without an error: lost [m].\n" in shown
     written = (tmp_path / "a" / "accuracy.csv").read_text().splitlines()

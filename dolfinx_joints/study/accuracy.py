@@ -132,8 +132,8 @@ class Accuracy:
         if "growth" in kinds:
             growing = self.table["value"][self.table["cell_kind"] == "growth"]
             notes.append(
-                f"growth: {', '.join(growing)}. These peaks grow as cells shrink and have no limit, "
-                "as at a corner or where a dam meets rock; evaluate stresses away from there."
+                f"growth: {', '.join(growing)}. These peaks grow as cells shrink and have no "
+                "limit, as at a corner or where a dam meets rock; evaluate stresses elsewhere."
             )
         return notes
 

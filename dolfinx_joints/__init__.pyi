@@ -110,6 +110,7 @@ from .simulation.frequency_response import frequency_response as frequency_respo
 from .simulation.monitor import Monitor as Monitor
 from .simulation.simulation import Simulation as Simulation
 from .solvers.step_solver import SolverOptions as SolverOptions
+from .study.accuracy import accuracy as accuracy
 from .time_integration.midpoint import EnergyConsistent as EnergyConsistent
 from .time_integration.midpoint import ImplicitContact as ImplicitContact
 from .time_integration.newmark import GeneralizedAlpha as GeneralizedAlpha

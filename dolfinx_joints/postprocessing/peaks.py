@@ -13,12 +13,32 @@ import numpy as np
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
+from dolfinx_joints.postprocessing.frames import usual_reference
 from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
-from dolfinx_joints.postprocessing.measures import acceleration_history, displacement_history
+from dolfinx_joints.postprocessing.measures import (
+    acceleration_history,
+    common_band,
+    displacement_history,
+)
+from dolfinx_joints.postprocessing.static_stages import static_stages
 from dolfinx_joints.results.arguments import COMPONENTS
 from dolfinx_joints.results.reader import Results
 
 _CREST = 0.01  # largest depth of crest points below the highest point, relative to all heights
+
+# Names of values of `main_values`, with their units.
+CREST_DISPLACEMENT = "crest displacement [m]"
+CREST_ACCELERATION = "crest acceleration below {:.3g} Hz [m/s^2]"
+STRESSES: dict[EnvelopeName, str] = {
+    "principal_max": "largest tension [Pa]",
+    "principal_min": "largest compression [Pa]",
+}
+JOINT_VALUES = {"opening": "opening [m]", "slip": "slip [m]", "safety": "safety [-]"}
+JOINT_FORCES = {
+    "pressure": "pressure [Pa]",
+    "compression": "compressive force [N]",
+    "shear_sum": "shear force [N]",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,3 +135,70 @@ def _largest(
                 value, instant = float(values[at]), float(time[at])
                 largest = Peak(value=value, time=instant, name=f"{point} {component}", place=place)
     return largest
+
+
+def main_values(results: Results, *, band: float = ACCELERATION_BAND) -> dict[str, float]:
+    """Return the main values of a run without signs, by name with unit.
+
+    The values are those of the first page of a report, pressures and forces of the joints, and
+    energies. Values of a joint begin with its name and a colon. If a run has only static stages,
+    they are those at the end of the last one. Values that the file does not contain are left out.
+
+    Args:
+        results: The run.
+        band: Cut-off frequency of the accelerations [Hz], at most that of `common_band`; the name
+            of the value contains it.
+    """
+    is_dynamic = "histories" in results.streams
+    values = _dynamic_values(results, band) if is_dynamic else _static_values(results)
+    for name, worst in zip(JOINT_VALUES.values(), (max, max, min), strict=True):
+        of_joints = [value for key, value in values.items() if key.endswith(f": {name}")]
+        if len(of_joints) > 1:
+            values[f"{name.replace(' [', ' of all joints [')}"] = worst(of_joints)
+    return {name: abs(float(value)) for name, value in values.items() if np.isfinite(value)}
+
+
+def _dynamic_values(results: Results, band: float) -> dict[str, float]:
+    from dolfinx_joints.postprocessing.energy_lines import energy_lines
+
+    values: dict[str, float] = {}
+    points, recorded = crest_points(results), set(results.streams["histories"])
+    if points:
+        peak = displacement_peak(results, points, usual_reference(results))
+        values[CREST_DISPLACEMENT] = peak.value
+    if points and {"acceleration", *["ground_acceleration"] * results.relative} <= recorded:
+        band = common_band(results, band=band)
+        peak = acceleration_peak(results, points, band=band)
+        values[CREST_ACCELERATION.format(band)] = peak.value
+    values |= {title: stress_peak(results, name).value for name, title in STRESSES.items()}
+    for joint in results.joints:
+        largest, series = joint_peaks(results, joint), joint_extremes(results, joint).values
+        values |= {f"{joint}: {JOINT_VALUES[name]}": peak.value for name, peak in largest.items()}
+        of_series = {title: name for name, title in JOINT_FORCES.items() if name in series}
+        values |= {f"{joint}: {title}": series[n].max() for title, n in of_series.items()}
+    if "energy" in results.streams and results.rows("energy"):
+        lines = energy_lines(results)
+        values |= {
+            f"largest {name} energy [J]": lines[name].max() for name in ("kinetic", "strain")
+        }
+        losses = {"viscous": "work against damping [J]", "friction": "work against friction [J]"}
+        values |= {title: lines[name][-1] for name, title in losses.items()}
+    return values
+
+
+def _static_values(results: Results) -> dict[str, float]:
+    """Return the values at the end of the last static stage."""
+    stage, points = static_stages(results)[-1], crest_points(results)
+    values: dict[str, float] = {}
+    if points:
+        values[CREST_DISPLACEMENT] = max(np.abs(stage.displacement[p]).max() for p in points)
+    values |= {title: stage.stresses[name] for name, title in STRESSES.items()}
+    for joint, state in stage.joints.items():
+        moved = (state.opening_max, state.slip_max, state.sliding_safety)
+        forces = (state.pressure_max, state.normal_force, state.shear_force)
+        titles = [*JOINT_VALUES.values(), *JOINT_FORCES.values()]
+        pairs = zip(titles, [*moved, *forces], strict=True)
+        values |= {f"{joint}: {title}": value for title, value in pairs}
+    if stage.energy:
+        values["strain energy [J]"] = stage.energy.strain
+    return values

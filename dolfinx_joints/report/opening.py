@@ -12,6 +12,7 @@ import numpy as np
 from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR, STANDARD_GRAVITY
 from dolfinx_joints.postprocessing import measures, peaks, views
 from dolfinx_joints.postprocessing.energy_lines import energy_lines, joint_losses
+from dolfinx_joints.postprocessing.envelopes import EnvelopeName
 from dolfinx_joints.postprocessing.frames import frame_name
 from dolfinx_joints.postprocessing.peaks import Peak
 from dolfinx_joints.report.page import (
@@ -63,8 +64,8 @@ def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
 
 _BOUNDS = (
     f"Warnings appear if the energy error exceeds {LARGE_ENERGY_ERROR:.0%} of the largest energy, "
-    f"if the local error of a step exceeds {LARGE_LOCAL_ERROR:.0%} of the largest displacement, or "
-    "if a run is incomplete. They also appear if the numerical energy loss in a joint exceeds "
+    f"if the error of a single step exceeds {LARGE_LOCAL_ERROR:.0%} of the largest displacement, "
+    "or if a run is incomplete. They also appear if the numerical energy loss in a joint exceeds "
     f"{LARGE_ENERGY_ERROR:.0%} of its friction work and 0.1% of the largest energy."
 )
 
@@ -86,7 +87,7 @@ def doubts(run: Run) -> list[str]:
         warnings.append(f"{run.label}: the energy error is {energy:.2%} of the largest energy.")
     if local > LARGE_LOCAL_ERROR:
         warnings.append(
-            f"{run.label}: the local error of a step is {local:.2%} of the largest displacement."
+            f"{run.label}: the error of a single step is {local:.2%} of the largest displacement."
         )
     warnings += [*jump_warnings(run), *_loss_warnings(run)]
     recorded = summary.get("warnings", [])
@@ -174,7 +175,8 @@ def _crest_displacement(run: Run) -> Cell:
         return None
     peak = peaks.displacement_peak(run.results, points, run.relative_to)
     frame = "" if run.results.relative else f", {frame_name(run.results, run.relative_to)}"
-    return valued(1e3 * peak.value, f"{peak.name}, {plain(peak.time)} s{frame}")
+    bar = run.bar(peaks.CREST_DISPLACEMENT, peak.value, 1e3)
+    return valued(1e3 * peak.value, f"{bar}{peak.name}, {plain(peak.time)} s{frame}")
 
 
 def _crest_acceleration(run: Run, *, band: float) -> Cell:
@@ -185,14 +187,18 @@ def _crest_acceleration(run: Run, *, band: float) -> Cell:
         return None
     peak = peaks.acceleration_peak(run.results, points, band=band)
     share = plain(abs(peak.value) / STANDARD_GRAVITY)
-    return valued(peak.value, f"{peak.name}, {plain(peak.time)} s, {share} g")
+    bar = run.bar(peaks.CREST_ACCELERATION.format(band), peak.value)
+    return valued(peak.value, f"{bar}{peak.name}, {plain(peak.time)} s, {share} g")
 
 
-def _stress(name: str) -> Callable[[Run], Cell]:
+def _stress(name: EnvelopeName) -> Callable[[Run], Cell]:
 
     def cell(run: Run) -> Cell:
-        peak = peaks.stress_peak(run.results, name)  # type: ignore[arg-type]
-        return None if np.isnan(peak.value) else valued(1e-6 * peak.value, f"at {place(peak)}")
+        peak = peaks.stress_peak(run.results, name)
+        if np.isnan(peak.value):
+            return None
+        bar = run.bar(peaks.STRESSES[name], peak.value, 1e-6)
+        return valued(1e-6 * peak.value, f"{bar}at {place(peak)}")
 
     return cell
 
@@ -222,20 +228,24 @@ def _joints(run: Run) -> Html:
     rows: list[list[Cell]] = []
     for joint in run.results.joints:
         largest = peaks.joint_peaks(run.results, joint)
-        axes = len(run.components)
-        moved = [_millimetres(largest[name], axes) for name in ("opening", "slip")]
+        moved = [_millimetres(run, joint, name, largest[name]) for name in ("opening", "slip")]
         safety = largest["safety"]
-        least = None if np.isnan(safety.value) else valued(safety.value, f"{plain(safety.time)} s")
+        bar = run.bar(f"{joint}: {peaks.JOINT_VALUES['safety']}", safety.value)
+        least = None
+        if not np.isnan(safety.value):
+            least = valued(safety.value, f"{bar}{plain(safety.time)} s")
         rows.append([joint, *moved, least])
     head = ["joint", "largest opening [mm]", "largest slip [mm]", "smallest safety"]
     return table(f"Joints ({run.label})", head, rows)
 
 
-def _millimetres(peak: Peak, axes: int) -> Cell:
+def _millimetres(run: Run, joint: str, name: str, peak: Peak) -> Cell:
     """Return an opening or slip [mm] with its time and place, 0 if the joint never moved."""
     if not peak.value:
         return 0
-    return valued(1e3 * peak.value, f"{plain(peak.time)} s at {place(peak, axes)}")
+    bar = run.bar(f"{joint}: {peaks.JOINT_VALUES[name]}", peak.value, 1e3)
+    where = place(peak, len(run.components))
+    return valued(1e3 * peak.value, f"{bar}{plain(peak.time)} s at {where}")
 
 
 def place(peak: Peak, axes: int = 3) -> str:

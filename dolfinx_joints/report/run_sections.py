@@ -26,7 +26,7 @@ _COUNTS = {
 _ERRORS = {
     "energy_error": "energy error / largest energy",
     "imbalance": "unexplained energy / largest energy",
-    "local_error": "largest local error of a step / largest displacement",
+    "local_error": "largest error of a single step / largest displacement",
 }
 
 
@@ -67,7 +67,8 @@ def energies(content: Content) -> Section:
         paragraph(
             "The energy error is stored energy − stored energy at the start − input + energy "
             "dissipated by damping and friction. With an energy-consistent scheme only rounding, "
-            "about 1e-14, remains. The local error is an estimate of the error of a single step.",
+            "about 1e-14, remains. The error of a single step is an "
+            "estimate, and not the error of the run; dj.accuracy estimates that one.",
             "note",
         ),
     ]

@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.body import jointed_groups
 from dolfinx_joints.postprocessing.frames import reference_displacement, usual_reference
 from dolfinx_joints.postprocessing.joints.surface import is_plane
-from dolfinx_joints.report.page import Drawings, Section, paragraph
+from dolfinx_joints.report.page import Drawings, Section, paragraph, plain
 from dolfinx_joints.results.arguments import Component
 from dolfinx_joints.results.reader import Results
 
@@ -27,10 +27,27 @@ _ENDINGS = (".h5", ".hdf5")
 
 @dataclass(frozen=True)
 class Run:
-    """Results file with its label in the report."""
+    """Results file with its label in the report.
+
+    Attributes:
+        results: The file.
+        label: Shortest unique end of its path.
+        bars: Value and estimated error by name, see `write`.
+    """
 
     results: Results
     label: str
+    bars: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def bar(self, name: str, value: float, factor: float = 1.0) -> str:
+        """Return the error bar of a value, times a factor, as text; empty if it is another run's.
+
+        Names are those of `main_values`.
+        """
+        given, error = self.bars.get(name, (np.nan, np.nan))
+        if not np.isclose(abs(value), given, rtol=1e-6, atol=0.0):
+            return ""
+        return f"± {plain(factor * error)}, " if np.isfinite(error) else "grows with finer cells, "
 
     def has(self, stream: str, *names: str) -> bool:
         """Return True if the file has records of these quantities."""
@@ -175,7 +192,9 @@ def largest_moment(run: Run) -> tuple[float, str]:
 
 
 @contextmanager
-def opened(paths: Sequence[str | Path]) -> Iterator[list[Run]]:
+def opened(
+    paths: Sequence[str | Path], bars: Mapping[str, tuple[float, float]] | None = None
+) -> Iterator[list[Run]]:
     """Open results files; label each run by the shortest unique end of its path."""
     resolved = [Path(path).resolve() for path in paths]
     twice = next((path for path in resolved if resolved.count(path) > 1), None)
@@ -184,7 +203,7 @@ def opened(paths: Sequence[str | Path]) -> Iterator[list[Run]]:
     with ExitStack() as stack:
         files = [stack.enter_context(Results(path)) for path in paths]
         names = _names(resolved)
-        yield [Run(file, name) for file, name in zip(files, names, strict=True)]
+        yield [Run(file, name, bars or {}) for file, name in zip(files, names, strict=True)]
 
 
 def nothing(name: str, title: str, missing: str) -> Section:

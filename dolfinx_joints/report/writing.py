@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -27,6 +27,7 @@ def write(
     *,
     with_3d: bool = True,
     add: Callable[[Sequence[Run]], Addition] | None = None,
+    bars: Mapping[str, tuple[float, float]] | None = None,
 ) -> Path:
     """Write a report on the runs of one or several results files.
 
@@ -38,6 +39,8 @@ def write(
         out: The HTML file; replaced if it exists.
         with_3d: Include the 3-D view and pictures of the body, the largest part of the file.
         add: Function that returns further sections and the runs to compare.
+        bars: Error bars of the main results, `Accuracy.bars`. An error is shown next to each value
+            that equals a value of the study.
 
     Returns:
         The path of the HTML file.
@@ -50,7 +53,7 @@ def write(
         raise ResultsError(f"A report needs a file name that ends in .html, got {target}.")
     _check_packages()
     muted = warnings.catch_warnings(action="ignore", category=PlausibilityWarning)
-    with opened(results) as runs, _written(target), muted:  # the report lists the warnings
+    with opened(results, bars) as runs, _written(target), muted:  # the report lists the warnings
         target.parent.mkdir(parents=True, exist_ok=True)
         added = add(runs) if add else Addition()
         reference, main = linear_and_jointed(runs)

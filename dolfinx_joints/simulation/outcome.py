@@ -98,8 +98,8 @@ class Outcome(Summarised):
         energy_error: Largest energy error relative to the largest energy, loss or input.
         imbalance: Largest energy imbalance, with numerical losses, divided by the largest energy;
             None if the scheme loses energy of the body, which the ledger does not count.
-        local_error: Largest estimated displacement error of a step, divided by the largest
-            displacement from the start of the stage, 2-norms over all dofs.
+        local_error: Largest estimated displacement error of a single step, not of the run, divided
+            by the largest displacement from the start of the stage, 2-norms over all dofs.
         steps: Number of steps requested.
         counts: Accepted substeps, more than ``steps`` if steps were divided, and rejected attempts.
         iterations: Newton iterations of all accepted substeps.
@@ -133,7 +133,10 @@ class Outcome(Summarised):
         yield "energy error", f"{100 * self.energy_error:.3g} % of the largest energy"
         balance = "" if imbalance is None else f"{100 * imbalance:.2g} % of the largest energy"
         yield "energy imbalance", balance
-        yield "local error", f"{100 * self.local_error:.3g} % of the largest displacement"
+        yield (
+            "error of a single step",
+            f"{100 * self.local_error:.3g} % of the largest displacement",
+        )
         yield "joints that chatter", names(self.chatter)
 
 
@@ -150,8 +153,9 @@ def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) 
     rejected = f", {counts.rejected} attempts rejected" if counts.rejected else ""
     return (
         f"energy error {100 * outcome.energy_error:.3g} % of the largest energy{balance}; "
-        f"largest local displacement error {100 * outcome.local_error:.3g} % of the largest "
-        f"displacement\n{outcome.steps} steps in {counts.accepted} substeps{rejected}; "
+        f"largest error of a single step {100 * outcome.local_error:.3g} % of the largest "
+        f"displacement (for the error of the run: dj.accuracy)\n"
+        f"{outcome.steps} steps in {counts.accepted} substeps{rejected}; "
         f"{mean:.2f} Newton iterations per substep, {_solver(outcome, model)}\n{phases}"
     )
 

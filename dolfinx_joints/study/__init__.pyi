@@ -1,6 +1,7 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
 
+from .accuracy import Accuracy as Accuracy
 from .fragility_curves import Fragility as Fragility
 from .fragility_curves import fragility as fragility
 from .motion_suite import MotionSuite as MotionSuite

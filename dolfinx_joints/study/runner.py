@@ -158,8 +158,8 @@ class Study(Summarised):
             raise ValueError(f"There is no case {min(unknown)!r}; there are {allowed}.")
         if executor is None and {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"} & os.environ.keys():
             raise StudyError(
-                "A study starts separate processes: run it without mpirun, or give it an "
-                "MPIPoolExecutor and start it by mpirun -n N python3 -m mpi4py.futures."
+                "A study starts separate processes: run it without mpirun, or give Study.run "
+                "an MPIPoolExecutor and start it by mpirun -n N python3 -m mpi4py.futures."
             )
         try:
             self.path.mkdir(parents=True, exist_ok=True)

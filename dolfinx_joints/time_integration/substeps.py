@@ -33,11 +33,11 @@ class StepControl:
 
     A step is halved if its solve fails. With a scheme that conserves energy, a step is also halved
     if its energy balance does not close: the solve is then inaccurate. With ``tolerance`` steps are
-    also halved for accuracy; a substep of the shortest length is accepted at any local error.
+    also halved for accuracy; a substep of the shortest length is accepted at any error.
 
     Attributes:
         max_halvings: Largest number of halvings.
-        tolerance: Largest local error of a step relative to the largest displacement so far,
+        tolerance: Largest error of a single step relative to the largest displacement so far,
             static displacement included (2-norms over dofs); None to disable. Once a joint chatters
             (`joints.chatter`), the tolerance is ignored: shorter steps increase chatter.
         landing: Halve steps in which a joint point opens or closes, so that such steps are short.
@@ -70,8 +70,8 @@ class StepCounts:
     Attributes:
         landed: Accepted substeps of the shortest length in which a point opened or closed.
         unbalanced: Attempts rejected because of their energy imbalance.
-        inaccurate: Attempts rejected because of their local error.
-        held: Attempts that were accepted in spite of their local error, because joints chatter.
+        inaccurate: Attempts rejected because of their error.
+        held: Attempts that were accepted in spite of their error, because joints chatter.
         crossed: Attempts rejected because a point opened or closed.
     """
 

@@ -21,9 +21,9 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("plotly")
 
 
-def cells_of(paths: list[Path], folder: Path) -> list[str]:
+def cells_of(paths: list[Path], folder: Path, **options: object) -> list[str]:
     """Texts of the cells of a report without pictures of the body, signs and spaces plain."""
-    out = report.write(paths, folder / "out.html", with_3d=False)
+    out = report.write(paths, folder / "out.html", with_3d=False, **options)
     cells = Page(out.read_text(encoding="utf-8")).cells
     return [cell.replace("\N{MINUS SIGN}", "-").replace("\u202f", " ") for cell in cells]
 
@@ -70,6 +70,27 @@ def test_joints_have_values_times_and_places(tmp_path):
     assert opening == "3.000 1 s at (0.5, 0, 1.5) m"
     assert slip == "0"  # of what never moved there is no time
     assert safety == "–"  # the file knows no friction angle
+
+
+def test_error_bars_are_next_to_the_values_of_their_run(tmp_path):
+    """Errors of 1/8 of the values; the linear run has another displacement, and no bar."""
+    files = [write_run(tmp_path / f"{n}.h5", n) for n in ("linear", "joints")]
+    with Results(files[1]) as results:
+        values = peaks.main_values(results)
+    bars = {name: (value, 0.125 * value) for name, value in values.items()}
+    cells = cells_of(files, tmp_path, bars=bars)
+    title = "crest displacement from the static state [mm]"
+    linear, joints = after(cells, "linear", title, 2)
+    assert "±" not in linear
+    assert joints.split(" ", 1)[1].startswith("± 0.1625, mid-crest ")  # of 1.3 mm
+    opening, _slip, _safety = after(cells, "smallest safety", "joint_1", 3)
+    assert opening == "3.000 ± 0.375, 1 s at (0.5, 0, 1.5) m"
+    *_, acceleration = (cell for cell in cells if "±" in cell and cell.endswith(" g"))
+    assert float(acceleration.split(" ")[2].rstrip(",")) == pytest.approx(1.9425 / 8.0, rel=1e-3)
+    bars["joint_1: opening [m]"] = (3e-3, np.inf)
+    cells = cells_of(files, tmp_path, bars=bars)
+    opening, *_ = after(cells, "smallest safety", "joint_1", 1)
+    assert opening == "3.000 grows with finer cells, 1 s at (0.5, 0, 1.5) m"
 
 
 @pytest.mark.parametrize("heights", [[10.0, 9.95, 4.0, 0.0], [10.0, 10.0 + 2e-15]])

@@ -273,7 +273,7 @@ def test_doubts_about_a_run_are_reported(tmp_path):
         assert [opening.doubts(run) for run in all_runs] == [
             [
                 "run: the energy error is 7.00% of the largest energy.",
-                "run: the local error of a step is 30.00% of the largest displacement.",
+                "run: the error of a single step is 30.00% of the largest displacement.",
                 "run: the slip is large",
             ],
             [],

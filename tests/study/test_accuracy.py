@@ -1,0 +1,172 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""`accuracy`: its runs, resuming, refusals, the table; the example of the guide.
+
+Expected: errors of values that are powers of step and cell size.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from declared import declare_histories
+from written_runs import CUBE, FACES
+
+import dolfinx_joints as dj
+from dolfinx_joints.common.errors import StudyError
+from dolfinx_joints.results.layout import Cells, declare_body
+from dolfinx_joints.results.writer import ResultsWriter
+from dolfinx_joints.study import read_table
+
+GUIDE = Path(__file__).resolve().parents[2] / "docs/guide/studies.md"
+LEVELS = {"size": 0.5, "dt": 0.1}
+
+
+def powers(folder, *, size, dt):
+    """Displacement 3 - 2 dt^2 - 0.4 size, a singular stress, and a value without order."""
+    return {
+        "displacement [m]": 3.0 - 2.0 * dt**2 - 0.4 * size,
+        "peak [Pa]": 8.0 * size**-0.455,
+        "erratic [m]": 1.0 + 0.01 * np.sin(80.0 * dt),
+        "lost [m]": np.nan if dt > 0.3 else 1.0,
+    }
+
+
+def failing(folder, *, size, dt):
+    if size > 0.7 and not (folder.parents[1] / "cured").exists():
+        raise ValueError("the cells are too large.")
+    return {"u [m]": dt}
+
+
+def same_file(folder, *, size, dt):
+    """Return a file whatever size and step are."""
+    return folder.parents[2] / "run.h5"
+
+
+def test_errors_of_values_that_are_powers(tmp_path):
+    result = dj.accuracy(tmp_path / "a", powers, **LEVELS, progress=False)
+    table = result.table
+    assert table["value"].tolist() == ["displacement [m]", "peak [Pa]", "erratic [m]"]
+    assert table["step_kind"].tolist() == ["order", "constant", "no order"]
+    assert table["cell_kind"].tolist() == ["order", "growth", "constant"]
+    assert table["step_order"][0] == pytest.approx(2.0, rel=1e-4)
+    assert table["cell_order"][0] == pytest.approx(1.0, rel=1e-4)
+    assert table["step_error"][0] == pytest.approx(0.02, rel=1e-3)
+    assert table["cell_error"][0] == pytest.approx(0.2, rel=1e-3)
+    assert table["error"][:2] == pytest.approx([0.22, np.inf], rel=1e-3)
+    name, value = "displacement [m]", powers(None, **LEVELS)["displacement [m]"]
+    assert result.bars[name] == pytest.approx((value, 0.22), rel=1e-3)
+    # At the predicted run the error is 1 % of the value.
+    dt, size = table["dt [s]"][0], table["size [m]"][0]
+    assert 2.0 * dt**2 + 0.4 * size == pytest.approx(0.01 * value, rel=2e-2)
+    assert np.isnan(table["dt [s]"][1])
+    shown = str(result)
+    lines = {line.split("  ")[0]: line for line in shown.splitlines()}
+    assert re.search(r" 7\.9 %  +0\.72 %, order 2\.0  +7\.2 %, order 1\.0 ", lines[name])
+    assert re.search(r" no limit  +constant  +growth  +out of reach$", lines["peak [Pa]"])
+    assert re.search(r"< [\d.]+ %  +< [\d.]+ %, no order  +constant ", lines["erratic [m]"])
+    assert "growth: peak [Pa]. These peaks grow as cells shrink" in shown
+    assert result.lacking == ["lost [m]"]
+    assert "Not in all runs, so without an error: lost [m].\n" in shown
+    written = (tmp_path / "a" / "accuracy.csv").read_text().splitlines()
+    assert written[0].startswith("value,given,error,step_error,step_kind,step_order,cell_error,")
+    assert len(written) == 4
+
+
+def test_a_second_call_makes_only_missing_runs(tmp_path):
+    path = tmp_path / "a"
+    first = dj.accuracy(path, powers, **LEVELS, cells=(), progress=False)
+    assert first.runs["case"].tolist() == ["given", "step_x2", "step_x4"]
+    assert set(first.table["cell_kind"]) == {"not varied"}
+    finer = (0.5, 0.25)
+    second = dj.accuracy(path, powers, **LEVELS, steps=finer, cells=(), progress=False)
+    runs = read_table(path)  # those of the first call stay
+    assert set(runs["case"]) == {"given", "step_x2", "step_x4", "step_x0.5", "step_x0.25"}
+    assert runs["wall_s"][0] == first.runs["wall_s"][0]
+    assert second.table["step_error"][0] == pytest.approx(0.02, rel=1e-3)
+
+
+def test_a_folder_of_another_study_is_refused(tmp_path):
+    path = tmp_path / "a"
+    dj.accuracy(path, powers, **LEVELS, cells=(), progress=False)
+    before = (path / "table.json").read_bytes()
+    for run, size in ((powers, 0.6), (failing, 0.5)):
+        with pytest.raises(StudyError, match="contains another study: its case 'given' has"):
+            dj.accuracy(path, run, size=size, dt=0.1, cells=(), progress=False)
+    assert (path / "table.json").read_bytes() == before
+
+
+def test_a_failed_run_is_made_again(tmp_path):
+    path = tmp_path / "a"
+    message = "needs all runs of .*: 4 cases run, .* 1 failed\n  cell_x1.6: ValueError: the cells"
+    with pytest.raises(StudyError, match=message):
+        dj.accuracy(path, failing, **LEVELS, progress=False)
+    (path / "cured").touch()
+    result = dj.accuracy(path, failing, **LEVELS, progress=False)
+    assert result.table["step_order"] == pytest.approx([1.0], rel=1e-4)
+
+
+def test_runs_on_equal_cells_are_refused(tmp_path):
+    with ResultsWriter(tmp_path / "run.h5", {}) as writer:
+        cells = Cells(12, np.arange(8).reshape(1, 8), {})
+        declare_body(writer, CUBE, FACES, {}, cells)
+        declare_histories(writer, [CUBE[-1]])
+        writer.start()
+        writer.finish("complete", {})
+    with pytest.raises(StudyError, match="'cell_x1.26' has as many cells as another one"):
+        dj.accuracy(tmp_path / "a", same_file, **LEVELS, progress=False)
+
+
+@pytest.mark.parametrize(
+    ("run", "changes", "message"),
+    [
+        (powers, {"steps": (2.0,)}, r"steps is \(2.0,\); it must be two or more positive factors"),
+        (powers, {"cells": (1.0, 2.0)}, r"cells is \(1.0, 2.0\); it must be two or more"),
+        (powers, {"cells": (-1.0, 2.0)}, r"cells is \(-1.0, 2.0\); it must be two or more"),
+        (lambda size, dt: {}, {}, r"run must accept \(folder, size=..., dt=...\)"),
+        (lambda folder, size, dt: {}, {}, "must be at the top level of a module"),
+    ],
+)
+def test_arguments_that_are_refused(tmp_path, run, changes, message):
+    with pytest.raises(ValueError, match=message):
+        dj.accuracy(tmp_path / "a", run, **LEVELS, **changes)
+    assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.mpi
+def test_several_ranks_are_refused_on_each(tmp_path, monkeypatch):
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
+    with pytest.raises(StudyError, match="run it without mpirun"):
+        dj.accuracy(tmp_path / "a", powers, **LEVELS)
+    assert not (tmp_path / "a").exists()
+
+
+def test_the_example_of_the_guide(tmp_path):
+    """Expected: the upper block rests while the ground moves by 30 t^3 / 6, 0.04 m at 0.2 s."""
+    pytest.importorskip("dolfinx")
+    pytest.importorskip("gmsh")
+    (code,) = (
+        t for t in re.findall("```python\n(.*?)```", GUIDE.read_text(), re.S) if "dj.acc" in t
+    )
+    (tmp_path / "blocks.py").write_text(code)
+    made = subprocess.run(
+        [sys.executable, "blocks.py"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert made.returncode == 0, made.stderr
+    lines = {line.split("  ")[0]: line for line in made.stdout.splitlines()}
+    assert "order 2.0" in lines["joint_1: slip [m]"]
+    assert len(read_table(tmp_path / "accuracy")["case"]) == 5
+    written = (tmp_path / "accuracy" / "accuracy.csv").read_text().splitlines()
+    (row,) = (line.split(",") for line in written if line.startswith("joint_1: slip"))
+    slip, error = float(row[1]), float(row[2])
+    assert 0.5 < error / abs(slip - 0.04) < 2.0
+    assert (tmp_path / "report.html").read_text().count("± ") >= 2

@@ -210,7 +210,7 @@ def joint_values(
     joint = cell_data.get("joint [-]", np.zeros(len(gap), dtype=np.int64))
     areas = np.where(cell_data["tied [-]"] == 0, cell_data["area [m^2]"], 0.0)
     points = JointPoints(gap, gap[:, 1:], values["traction"], np.zeros(len(gap)))
-    columns = [areas, *(areas * column for column in at_points(rows, points).T)]
+    columns = [areas, *(areas * column for column in at_points(rows, points))]
     total, *sums = added(np.stack([np.bincount(joint, column, count) for column in columns]))
     means = zip(rows, sums, strict=True)
     named |= {f"{row.label} [{row.unit}]": (integral / total)[joint] for row, integral in means}

@@ -26,9 +26,10 @@ from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES
 from dolfinx_joints.results.layout import stage_bytes
 from dolfinx_joints.results.quantities import ENERGY_TERMS, rows_below
 from dolfinx_joints.simulation.outcome import StaticState
-from dolfinx_joints.simulation.record import Record, StageRecord
+from dolfinx_joints.simulation.record import StageRecord
 from dolfinx_joints.simulation.statics.stage_start import CONSTRUCTION
 from dolfinx_joints.simulation.statics.unfinished import find_unfinished
+from dolfinx_joints.time_integration.energy import EnergyRow
 
 
 def energy_terms(model: Model) -> list[str]:
@@ -40,15 +41,17 @@ def energy_terms(model: Model) -> list[str]:
     return [row.name for row in rows_below("energy") if has.get(row.name)]
 
 
-def energies(model: Model, record: Record) -> dict[str, float]:
-    """Return the values of the stream ``energy``, always in the same order."""
-    row = record.energy
-    values = {term: getattr(row, term) for term in energy_terms(model)}
+def energies(model: Model, rows: Sequence[EnergyRow]) -> dict[str, Floats]:
+    """Return the values of consecutive steps of the stream ``energy`` by name."""
+    values = {term: np.array([getattr(row, term) for row in rows]) for term in energy_terms(model)}
     joints = () if model.operator is None else model.operator.names
     for entry in rows_below("energy", "joints/*/"):
+        of_joints = np.stack([getattr(row, f"joint_{entry.key}") for row in rows], axis=1)
         names = [entry.name.replace("*", joint) for joint in joints]
-        values |= zip(names, getattr(row, f"joint_{entry.key}").tolist(), strict=True)
-    return values | {f"loads/{load}": work for load, work in row.input_by_load.items()}
+        values |= zip(names, of_joints, strict=True)
+    for load in rows[0].input_by_load:
+        values[f"loads/{load}"] = np.array([row.input_by_load[load] for row in rows])
+    return values
 
 
 class Fields:

@@ -134,16 +134,18 @@ class PointProbe:
     ) -> None:
         """Find the nodes (collective)."""
         self._comm, self._gdim = model.jointed.mesh.comm, model.gdim
-        self._local: list[tuple[int, int]] = []
+        local: list[tuple[int, int]] = []
         self.positions = np.zeros((len(points), 3))
         self.sides: list[tuple[str, ...]] = []
         self.notes: list[str] = []
         for row, point in enumerate(points):
             probe = point if isinstance(point, Probe) else Probe(tuple(point))
-            self._find(model, row, probe, nodes)
+            node = self._find(model, row, probe, nodes)
+            local += [] if node is None else [(row, node)]
+        self._rows, self._local = np.array(local, dtype=np.int64).reshape(-1, 2).T
 
-    def _find(self, model: Model, row: int, probe: Probe, nodes: NodeNumbering) -> None:
-        """Find the node for a point (collective)."""
+    def _find(self, model: Model, row: int, probe: Probe, nodes: NodeNumbering) -> int | None:
+        """Find the node for a point; return its local number if this rank owns it (collective)."""
         jointed, V = model.jointed, model.V
         distance, near = nearest_nodes(jointed, V, probe.place, probe.group)
         place = f"({', '.join(f'{x:g}' for x in probe.place)})"
@@ -155,8 +157,6 @@ class PointProbe:
         x = None if local is None else V.tabulate_dof_coordinates()[local]
         position = next(part for part in self._comm.allgather(x) if part is not None)
         self.positions[row] = position
-        if local is not None:
-            self._local.append((row, local))
         copies = sum(self._comm.allgather(len(nearest_nodes(jointed, V, position)[1])))
         self.sides.append(sides_at(jointed, V, local) if copies > 1 else ())
         size = cell_size(V, np.flatnonzero(nodes.number == min(numbers)))
@@ -168,11 +168,18 @@ class PointProbe:
             side = " and ".join(self.sides[-1])
             texts.append(f"on the side {side}; select a side with dj.Probe(place, group=...)")
         self.notes.append(f"{place} is read {', and '.join(texts)}" if texts else "")
+        return local
 
     def read(self, u: PETSc.Vec) -> Floats:
         """Return the nodal vectors at the points, shape (n, 3), on every rank (collective)."""
-        values = np.zeros((len(self.positions), 3))
-        blocks = u.getArray(readonly=True).reshape(-1, self._gdim)
-        for row, node in self._local:
-            values[row, : self._gdim] = blocks[node]
+        return self.of_all_ranks([self.local(u)])[0]
+
+    def local(self, u: PETSc.Vec) -> Floats:
+        """Return a copy of the nodal vectors at this rank's points, shape (local points, gdim)."""
+        return u.getArray(readonly=True).reshape(-1, self._gdim)[self._local]
+
+    def of_all_ranks(self, steps: Sequence[Floats]) -> Floats:
+        """Return the vectors of all points, (steps, n, 3), from `local` of steps (collective)."""
+        values = np.zeros((len(steps), len(self.positions), 3))
+        values[:, self._rows, : self._gdim] = np.stack(steps)
         return summed(self._comm, values)

@@ -4,10 +4,13 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import MeshError
@@ -25,7 +28,6 @@ from dolfinx_joints.postprocessing.joints.resultants import (
 )
 from dolfinx_joints.results.quantities import JointPoints
 from dolfinx_joints.results.writer import ResultsWriter
-from dolfinx_joints.simulation.record import Record
 
 
 def strengths(contact: Contact) -> dict[str, dict[str, Any]]:
@@ -73,6 +75,7 @@ class JointForces:
         geometry: Centroid, mean normal, area and flatness of each joint.
         areas: Areas of the local points, zero at tied points, shape (n,), [m^2].
         free_area: Sum of the areas over each joint, shape (joints,), [m^2].
+        local_sums: Function that sums values of local points (..., n) to (..., joints).
 
     Example:
         >>> from mpi4py import MPI
@@ -97,11 +100,13 @@ class JointForces:
         self.names = model.operator.names
         normals, areas = model.operator.frames[:, 0], model.operator.areas[:, None]
         free = np.where(model.contact.tied, 0.0, model.operator.areas)
+        self.local_sums = _sums_of_groups(model.operator.joint, len(self.names), np.ones(len(free)))
         geometry = [areas, areas * model.operator.points, areas * normals, free[:, None]]
-        sums = self._sums(np.hstack(geometry))
+        sums = summed(self._operator.comm, self.local_sums(np.hstack(geometry).T).T)
         self.geometry = [JointGeometry.from_sums(row[0], row[1:4], row[4:7]) for row in sums]
         self.areas, self.free_area = free, sums[:, 7]  # tied points have no traction
-        self._centroids = np.array([g.centroid for g in self.geometry])
+        centroids = np.array([g.centroid for g in self.geometry])
+        self._arms = model.operator.points - centroids[model.operator.joint]
         self._laws = strengths(model.contact)
         bonded = breakable_joints(model.contact)
         cohesion = [self._laws[name]["cohesion"] * (name in bonded) for name in self.names]
@@ -118,17 +123,11 @@ class JointForces:
             pressure: Water pressure at the local joint points, shape (n,), [Pa]; without it no
                 water forces are returned.
         """
-        contact = (joints.traction[:, 0] < 0.0) * self.areas
-        parts = [self.about_centroids(self.forces(joints.traction)), contact[:, None]]
-        points = self.points(joints, joints.state.gap)
-        sliding = [points.compression, points.shear, points.cohesion]
-        parts.append(np.column_stack(sliding) * self.areas[:, None])
-        if pressure is not None:
-            parts.append(self.about_centroids(self.water_forces(pressure)))
-        sums = self._sums(np.hstack(parts))
-        resultants = {}
+        gap, slip = joints.state.gap, np.zeros((len(self.areas), 2))
+        points = JointPoints(gap, slip, joints.traction, self.cohesion(joints))
+        sums, resultants = self.sums(points, pressure), {}
         for i, (name, geometry) in enumerate(zip(self.names, self.geometry, strict=True)):
-            row: Floats = sums[i]
+            row: Floats = sums[:, i]
             angle = self._laws[name]["friction_angle_deg"]
             water = {"water_force": row[10:13], "water_moment": row[13:]} if len(row) > 10 else {}
             resultants[name] = JointResultants(
@@ -137,7 +136,7 @@ class JointForces:
                 geometry=geometry,
                 force=row[0:3],
                 moment=row[3:6],
-                contact=row[6] / self.free_area[i],
+                contact=row[6],
                 compression=row[7],
                 shear_sum=row[8],
                 bond=row[9],
@@ -146,32 +145,51 @@ class JointForces:
             )
         return resultants
 
+    def sums(self, points: JointPoints, pressure: Floats | None) -> Floats:
+        """Return resultants, shape (10 or 16, ..., joints) (collective).
+
+        They are force and moment, share of the area under pressure, integrals of compression,
+        shear and cohesion, and, with a water pressure (..., n), force and moment of the water.
+        """
+        parts = [*_with_moments(self.forces(points.traction), self._arms)]
+        pressed = points.traction[..., 0] < 0.0
+        for values in (pressed, points.compression, points.shear, points.cohesion):
+            parts.append(values * self.areas)
+        if pressure is not None:
+            parts += [*_with_moments(self.water_forces(pressure), self._arms)]
+        sums = summed(self._operator.comm, self.local_sums(np.stack(parts)))
+        sums[6] /= self.free_area
+        return sums
+
     def forces(self, traction: Floats) -> Floats:
-        """Return forces of the local points on the + side, shape (n, 3), [N]."""
+        """Return forces of the local points on the + side, shape (..., n, 3), [N]."""
         return forces_of(self._operator.frames, self.areas, traction)
 
     def water_forces(self, pressure: Floats) -> Floats:
-        """Return forces of a water pressure (n,) [Pa] on the + side, shape (n, 3), [N]."""
-        return self._operator.frames[:, 0] * (self.areas * pressure)[:, None]
+        """Return forces of a water pressure (..., n) [Pa] on the + side, shape (..., n, 3), [N]."""
+        return self._operator.frames[:, 0] * (self.areas * pressure)[..., None]
 
-    def points(self, joints: Response, start: Floats) -> JointPoints:
-        """Return the state of local points; slip is measured from gaps ``start`` (n, 3) [m]."""
-        cohesion, gap = self._cohesion, joints.state.gap
-        if self._bonds:
-            cohesion = cohesion * (1 - broken_points(self._contact, joints))
-        return JointPoints(gap, gap[:, 1:] - start[:, 1:], joints.traction, cohesion)
+    def cohesion(self, joints: Response) -> Floats:
+        """Return the cohesion of local points with intact bonds, zero elsewhere, (n,), [Pa]."""
+        if not self._bonds:
+            return self._cohesion
+        return self._cohesion * (1 - broken_points(self._contact, joints))
 
-    def about_centroids(self, force: Floats) -> Floats:
-        """Return forces (n, 3) and their moments about the joint centroids, shape (n, 6)."""
-        arms = self._operator.points - self._centroids[self._operator.joint]
-        return np.hstack([force, np.cross(arms, force)])
 
-    def _sums(self, values: Floats) -> Floats:
-        """Return sums of values (n, m) over the points by joint, shape (joints, m) (collective)."""
-        operator = self._operator
-        sums = np.zeros((len(operator.names), values.shape[1]))
-        np.add.at(sums, operator.joint, values)
-        return summed(operator.comm, sums)
+def _with_moments(force: Floats, arms: Floats) -> Floats:
+    """Return forces (..., n, 3) and their moments on arms (n, 3), shape (6, ..., n)."""
+    return np.moveaxis(np.concatenate([force, np.cross(arms, force)], axis=-1), -1, 0)
+
+
+def _sums_of_groups(group: Ints, count: int, factors: Floats) -> Callable[[Floats], Floats]:
+    """Return a function that multiplies values (..., n) and sums them by group, (..., count)."""
+    matrix = csr_array((factors, (group, np.arange(len(group)))), shape=(count, len(group)))
+
+    def sums(values: Floats) -> Floats:
+        rows = values.reshape(math.prod(values.shape[:-1]), len(group))
+        return np.asarray((matrix @ rows.T).T.reshape(*values.shape[:-1], count))
+
+    return sums
 
 
 class Blocks:
@@ -196,18 +214,19 @@ class Blocks:
         owned = block[: model.V.dofmap.index_map.size_local]
         count = int(max(comm.allgather(int(owned.max(initial=-1))))) + 1
         self.mass, self.centre = _masses(model, owned, count)
+        self._number: Ints = self.sides.T.ravel()
+        sign = np.array([-1.0, 1.0]).repeat(len(self.sides))
+        self._of_blocks = _sums_of_groups(self._number, count, sign)
 
     def __call__(self, force: Floats) -> Floats:
-        """Return forces and moments on each block, shape (blocks, 6), [N, N m] (collective).
+        """Return forces and moments on each block, shape (..., blocks, 6), [N, N m] (collective).
 
-        ``force`` acts on the + side of the local joint points, shape (n, 3), [N].
+        ``force`` acts on the + side of the local joint points, shape (..., n, 3), [N].
         """
-        sums = np.zeros((len(self.mass), 6))
-        for side, sign in ((0, -1.0), (1, 1.0)):
-            number = self.sides[:, side]
-            arms = self._operator.points - self.centre[number]
-            np.add.at(sums, number, sign * np.hstack([force, np.cross(arms, force)]))
-        return summed(self._operator.comm, sums)
+        arms = np.tile(self._operator.points, (2, 1)) - self.centre[self._number]
+        both = np.concatenate([force, force], axis=-2)
+        sums = summed(self._operator.comm, self._of_blocks(_with_moments(both, arms)))
+        return np.moveaxis(sums, 0, -1)
 
 
 def _masses(model: Model, block: Ints, count: int) -> tuple[Floats, Floats]:
@@ -253,18 +272,21 @@ class ResultantsStream:
             text = "blocks on the - and + side of each point"
             writer.static(f"joints/{name}/blocks", sides, "-", text)
 
-    def values(self, record: Record) -> dict[str, Any]:
-        """Return the values of a step (collective)."""
-        assert record.joints is not None
-        pressure = record.pressure() if record.pressure is not None else None
-        values: dict[str, Any] = {}
-        for name, resultants in self._joints(record.joints, pressure).items():
-            parts = ["force", "moment", "contact"]
-            parts += ["water_force", "water_moment"] if name in self._wet else []
-            values |= {f"joints/{name}/{part}": getattr(resultants, part) for part in parts}
-        sums = self._blocks(self._joints.forces(record.joints.traction))
-        values |= {"blocks/force": sums[:, :3], "blocks/moment": sums[:, 3:]}
+    def values(self, points: JointPoints, pressure: Floats | None) -> dict[str, Floats]:
+        """Return the values of steps by name, a row for each step (collective).
+
+        Arrays of the local joint points have the shape (steps, n, ...); ``pressure`` is the water
+        pressure [Pa].
+        """
+        sums, values = self._joints.sums(points, pressure), {}
+        columns = {"force": slice(0, 3), "moment": slice(3, 6), "contact": 6}
+        water = {"water_force": slice(10, 13), "water_moment": slice(13, 16)}
+        for number, name in enumerate(self._joints.names):
+            for part, column in (columns | (water if name in self._wet else {})).items():
+                values[f"joints/{name}/{part}"] = sums[column, :, number].T
+        sums = self._blocks(self._joints.forces(points.traction))
+        values |= {"blocks/force": sums[..., :3], "blocks/moment": sums[..., 3:]}
         if pressure is not None:
             sums = self._blocks(self._joints.water_forces(pressure))
-            values |= {"blocks/water_force": sums[:, :3], "blocks/water_moment": sums[:, 3:]}
+            values |= {"blocks/water_force": sums[..., :3], "blocks/water_moment": sums[..., 3:]}
         return values

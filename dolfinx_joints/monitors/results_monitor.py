@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import annotated_types as at
-import numpy as np
+from petsc4py import PETSc
 
-from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, MeshError, OtherRunError, warn
 from dolfinx_joints.common.mpi import handing_out, raised_together
@@ -21,17 +20,15 @@ from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.resolution import resolution
 from dolfinx_joints.monitors.body_cells import body_mesh
-from dolfinx_joints.monitors.fields import Fields, StageFields, energies
-from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
+from dolfinx_joints.monitors.fields import Fields, StageFields
 from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.manifest import manifest
-from dolfinx_joints.monitors.point_histories import STATIC_PART, PointHistories
 from dolfinx_joints.monitors.probes import PointProbe, Probe, check_points
 from dolfinx_joints.monitors.resultants import ResultantsStream, strengths
+from dolfinx_joints.monitors.step_series import STATIC_PART, StepSeries
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, check_has_envelopes
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_directions
 from dolfinx_joints.results.layout import declare, declare_body, declare_points, stage_bytes
-from dolfinx_joints.results.quantities import rows_below
 from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE
 from dolfinx_joints.results.writer import ResultsWriter, check_storable, contains_only_statics
 from dolfinx_joints.simulation.monitor import Monitor
@@ -179,12 +176,15 @@ class ResultsMonitor(Monitor):
         facts = {"stage": stage, "steps": steps, **self._facts(model)}
         fixed = first.free_surface is None and not model.constraints.moves
         facts["displacements"] = RELATIVE if first.motion is not None or fixed else ABSOLUTE
-        values = self._values(first)
+        static = self._static(first)
+        self._series.collect(first, static)
+        block, state = self._series.take(), self._values(first, static)
         stages = [self._stage_fields.values(record) for record in first.stages]
-        examples = values | {"energy": energies(model, first)}
-        examples |= {"statics": stages[0]} if stages else {}
-        if self._extremes is not None:
-            examples["joints"] = self._extremes.shapes
+        examples = {
+            stream: {name: rows[0] for name, rows in series.items()}
+            for stream, series in block[1].items()
+        }
+        examples |= {"states": state} | ({"statics": stages[0]} if stages else {})
         if self._directions is not None:
             examples["envelopes"] = dict.fromkeys(ENVELOPE_NAMES, self._directions[0])
 
@@ -192,15 +192,15 @@ class ResultsMonitor(Monitor):
             facts["manifest"] = manifest(
                 model, first.settings, self._mesh_sha256, first.stages, self._resolved
             )
-            is_static = self._stages is not None and contains_only_statics(self._path)
-            replaces = self.overwrite or is_static
+            replaces = self.overwrite or (
+                self._stages is not None and contains_only_statics(self._path)
+            )
             self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces)
             if self._has_backup:
                 self._backup.unlink(missing_ok=True)
             if self._resultants is not None:
                 self._resultants.declare(writer)
             self._begin(writer, examples, facts["displacements"])
-            self._order(first)
 
         try:
             sides = None if self._resultants is None else self._resultants.sides
@@ -209,7 +209,9 @@ class ResultsMonitor(Monitor):
                     create()
             for number, row in enumerate(stages, start=1):
                 self._append("statics", number, row)
-            self._write(first, values)
+            self._extend(block)
+            self._append("states", first.time, state)
+            self._see(first)
         except BaseException as error:
             if self._writer is not None:
                 self._writer.__exit__(type(error), error, None)
@@ -260,13 +262,10 @@ class ResultsMonitor(Monitor):
         if self._envelopes is not None:
             self._envelopes.begin()
         self._fields = Fields(model, self._nodes, self._rows, first.wet_joints)
-        self._extremes = None
-        if model.contact is not None and first.joints is not None:
-            self._extremes = JointExtremesStream(model, first.joints.state.gap)
         self._resultants: ResultantsStream | None = None
         if self.resultants and self._rows is not None:
             self._resultants = ResultantsStream(model, self._nodes, self._rows, first.wet_joints)
-        self._histories = PointHistories(model, self._probe)
+        self._series = StepSeries(model, self._probe, first, self._resultants)
         if self.static_part and first.static_part is None:
             raise JointsError(
                 "static_part=True needs a DifferingMotion of the supports; the ground moves "
@@ -275,8 +274,9 @@ class ResultsMonitor(Monitor):
 
     def state_dict(self) -> dict[str, Any]:
         """Flush the file; return record counts and data for the next record (collective)."""
+        self._extend(self._series.take())
         columns = None if self._envelopes is None else self._envelopes.state_dict()
-        gap = None if self._extremes is None else self._extremes.state_dict()
+        series = self._series.state_dict()
         records: dict[str, int] = {}
         with raised_together(self._comm):
             if self._writer is not None:
@@ -285,9 +285,8 @@ class ResultsMonitor(Monitor):
         return {
             "records": records,
             "settings": self._settings,
-            **self._histories.state_dict(),
             "envelopes": columns,
-            "gap": gap,
+            **series,
         }
 
     @property
@@ -310,68 +309,52 @@ class ResultsMonitor(Monitor):
                     f"but this run has {name}={setting}."
                 )
         self._prepare(model, last)
-        self._histories.load_state_dict(state_dict)
+        self._series.load_state_dict(state_dict)
         self._time = last.time
         if self._envelopes is not None:
             self._envelopes.load_state_dict(state_dict["envelopes"])
-        if self._extremes is not None:
-            self._extremes.load_state_dict(state_dict["gap"])
         with raised_together(self._comm):
             if self._comm.rank == 0:
                 if self._backup.exists():
                     self._backup.replace(self._path)
                 self._writer = ResultsWriter.resume(self._path, state_dict["records"])
-                self._order(last)
-
-    def _order(self, record: Record) -> None:
-        """Set the order of values in streams with many values per step, on rank 0."""
-        assert self._writer is not None
-        self._writer.order("energy", list(energies(self._model, record)))
-        if self._extremes is not None:
-            self._writer.order("joints", list(self._extremes.shapes))
 
     def record(self, record: Record) -> None:
-        """Append a step (collective)."""
-        self._write(record, self._values(record))
+        """Collect a step, write the collected steps if due, and append the state (collective)."""
+        static = self._static(record)
+        self._series.collect(record, static)
+        due = self._writer is not None and (self._series.full or self._writer.due)
+        if self._comm.bcast(due):  # the clocks of the ranks differ
+            self._extend(self._series.take())
+        if record.step % self.every == 0:
+            self._append("states", record.time, self._values(record, static))
+        self._see(record)
 
-    def _write(self, record: Record, values: Mapping[str, Any]) -> None:
-        """Append the values of a step (collective)."""
-        for stream, row in values.items():
-            self._append(stream, record.time, row)
+    def _see(self, record: Record) -> None:
+        """Update the envelopes (collective)."""
         if self._envelopes is not None:
             self._envelopes.see(record.displacement, record.time)
         self._time = record.time
 
-    def _values(self, record: Record) -> dict[str, Any]:
-        """Return values of a step by stream, ordered as in `_order` or by name (collective)."""
-        counts = record.solve.counts if record.solve else None
-        contact = self._model.contact
-        if counts is None and contact is not None and record.joints is not None:
-            counts = contact.counts(record.joints.status)
-        total = max(counts.total, 1) if counts else 1
-        shares = {
-            row.name: getattr(counts, row.name.removeprefix("joint_")) / total if counts else 0.0
-            for row in rows_below("histories", "joint_")
-        }
-        iterations = record.solve.iterations if record.solve else 0
-        static = None
-        if self.static_part and record.static_part is not None:
-            static = record.static_part(record.time)
-        history = self._histories.values(record, static) | shares | {"iterations": iterations}
-        streams: dict[str, Any] = {"histories": history}
-        streams["energy"] = np.array(list(energies(self._model, record).values()))
-        if self._extremes is not None and record.joints is not None:
-            streams["joints"] = self._extremes.values(record.joints)
-        if self._resultants is not None:
-            streams["resultants"] = self._resultants.values(record)
-        if record.step % self.every == 0:
-            values = self._fields.values(record.displacement, record.joints, record.pressure)
-            if static is not None:
-                values[STATIC_PART] = self._nodes.across(self._nodes.dealt(static))
-            streams["states"] = values
-        return streams
+    def _static(self, record: Record) -> PETSc.Vec | None:
+        """Return the static part of the displacement if it is recorded (collective)."""
+        recorded = self.static_part and record.static_part is not None
+        return record.static_part(record.time) if recorded else None
 
-    def _append(self, stream: str, time: float, values: Mapping[str, Any] | Floats) -> None:
+    def _values(self, record: Record, static: PETSc.Vec | None) -> dict[str, Any]:
+        """Return the values of the stream ``states`` (collective)."""
+        values = self._fields.values(record.displacement, record.joints, record.pressure)
+        if static is not None:
+            values[STATIC_PART] = self._nodes.across(self._nodes.dealt(static))
+        return values
+
+    def _extend(self, block: tuple[Sequence[float], Mapping[str, Any]]) -> None:
+        """Write the rows of steps on rank 0; an error is raised on all ranks."""
+        with raised_together(self._comm):
+            if self._writer is not None:
+                self._writer.extend(*block)
+
+    def _append(self, stream: str, time: float, values: Mapping[str, Any]) -> None:
         """Append to a stream on rank 0; an error on rank 0 is raised on all ranks."""
         with handing_out(self._comm, values):
             if self._writer is not None:
@@ -382,13 +365,14 @@ class ResultsMonitor(Monitor):
         warnings = summary.get("warnings", [])
         if self._point_warning and self._point_warning not in warnings:
             summary = summary | {"warnings": [self._point_warning, *warnings]}
-        values = {}
+        block, values = self._series.take(), {}
         if self._envelopes is not None:
             values = dict(zip(ENVELOPE_NAMES, self._envelopes.columns(), strict=True))
         with handing_out(self._comm, values):
             if self._writer is not None:
                 writer, self._writer = self._writer, None
                 with writer:
+                    writer.extend(*block)
                     if values:
                         writer.append("envelopes", self._time, values)
                     writer.finish(status, summary)  # type: ignore[arg-type]

@@ -283,8 +283,8 @@ def rows_by(*methods: str) -> tuple[Quantity, ...]:
 
 
 def at_points(rows: Iterable[Quantity], points: JointPoints) -> Floats:
-    """Evaluate rows at joint points, shape (..., points, rows)."""
-    return np.stack([row.of(points) for row in rows if row.of is not None], axis=-1)
+    """Evaluate rows at joint points, shape (rows, ..., points)."""
+    return np.stack([row.of(points) for row in rows if row.of is not None])
 
 
 ENERGY_TERMS = tuple(row.name for row in rows_below("energy") if not row.rare)

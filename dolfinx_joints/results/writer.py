@@ -242,30 +242,34 @@ class ResultsWriter:
         self._file.flush()
         self._file.swmr_mode = True
 
-    def order(self, stream: str, names: Sequence[str]) -> None:
-        """Announce, before the first record, that each record is one array, which is faster.
-
-        Args:
-            stream: Name of a stream whose quantities are all floating-point numbers.
-            names: All quantities of the stream, in the order of their numbers in the array.
-        """
-        self._streams[stream].order(names)
-
-    def append(
-        self, stream: str, time: float, values: Mapping[str, ArrayLike | Dealt] | NDArray[Any]
-    ) -> None:
+    def append(self, stream: str, time: float, values: Mapping[str, ArrayLike | Dealt]) -> None:
         """Add one record to a stream; a record with distributed arrays is written immediately.
 
         Args:
             stream: Name of the stream.
             time: Time of the record [s], later than the previous one.
-            values: Values by name, or one array in the declared `order`; they are copied.
+            values: Values by name; they are copied.
         """
         self._streams[stream].append(float(time), values)
-        if clock.monotonic() - self._flushed_at >= self._flush_interval:
+        if self.due:
             self.flush()
         elif self._streams[stream].full:
             self._flush_streams([self._streams[stream]])
+
+    def extend(self, times: Sequence[float], values: Mapping[str, Mapping[str, Any]]) -> None:
+        """Write records of the same times: ``values`` are arrays by stream and name, (times, ...).
+
+        All appended rows are also written.
+        """
+        self._flush_streams(self._streams[stream] for stream in values)
+        for stream, rows in values.items():
+            self._streams[stream].extend(times, rows)
+        self.flush()
+
+    @property
+    def due(self) -> bool:
+        """True if rows have been in memory for the flush interval."""
+        return clock.monotonic() - self._flushed_at >= self._flush_interval
 
     def flush(self) -> None:
         """Write all appended rows to the file."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -270,7 +270,8 @@ def ground_motions(
     """
     rising = rising_waves([*model.loads, *loads])
     if motion is not None:
-        motion = in_axes(motion, model.gdim)
+        # The load of the last step and the record of its end use the same value.
+        motion = lru_cache(maxsize=1)(in_axes(motion, model.gdim))
         motion(0.0)
         if rising:
             raise ValueError(

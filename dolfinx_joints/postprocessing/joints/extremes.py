@@ -184,7 +184,7 @@ def _derive(results: Results, points: JointPoints, joint: str) -> dict[str, Floa
     areas, tied = free_areas(results, joint), tied_points(results, joint)
     places, series = results.static(f"joints/{joint}/points"), {}
     for row in rows_by("largest", "integral", "mean"):
-        values = at_points([row], points)[..., 0]
+        values = at_points([row], points)[0]
         if row.by == "largest":
             positive = np.where(tied, 0.0, np.maximum(values, 0.0))
             largest = series[row.key] = positive.max(axis=1)

@@ -1,0 +1,148 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Streams with a row for each step, computed for a block of steps at once.
+
+Sums over points and exchanges between ranks cost little more for many steps than for one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_joints.common.arrays import Dealt, Floats
+from dolfinx_joints.common.mpi import summed
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.monitors.fields import energies
+from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
+from dolfinx_joints.monitors.probes import PointProbe
+from dolfinx_joints.monitors.resultants import ResultantsStream
+from dolfinx_joints.results.quantities import JointPoints, rows_below
+from dolfinx_joints.simulation.record import Record
+
+STATIC_PART = "static_displacement"
+
+# Largest number of steps in a block, and largest size of its arrays [bytes].
+_BLOCK_STEPS, _BLOCK_BYTES = 256, 1 << 24
+
+
+class StepSeries:
+    """Collects steps from the record ``first`` on, and computes their series."""
+
+    def __init__(
+        self, model: Model, probe: PointProbe, first: Record, resultants: ResultantsStream | None
+    ) -> None:
+        """Find the nodes of the supports (collective)."""
+        self._model, self._probe, self._resultants = model, probe, resultants
+        self._supports = (*model.constraints.groups, *model.constraints.points)
+        nodes = [model.nodes(group) for group in self._supports]
+        self._nodes = np.concatenate([np.empty(0, dtype=np.int64), *nodes])
+        self._ends = np.cumsum([0, *map(len, nodes)])
+        self._before: tuple[float, Floats] | None = None
+        self._steps: list[tuple[Any, ...]] = []
+        self._bytes = 0  # size of the collected arrays
+        self._extremes: JointExtremesStream | None = None
+        if model.contact is not None and first.joints is not None:
+            self._extremes = JointExtremesStream(model)
+            self._gap = first.joints.state.gap.copy()  # from which slip is measured
+
+    def collect(self, record: Record, static: PETSc.Vec | None) -> None:
+        """Copy the values of a step; ``static`` is the static part of u [m] (collective)."""
+        ground = {"ground_acceleration": record.ground_acceleration}
+        if record.free_surface is not None:
+            ground = {"free_surface_velocity": record.free_surface(record.time)}
+        if record.reservoir_force is not None:
+            ground["reservoir_force"] = record.reservoir_force
+        contact, joints, solve = self._model.contact, record.joints, record.solve
+        counts, parts, pressure = solve.counts if solve else None, (), None
+        if self._extremes is not None and joints is not None and contact is not None:
+            cohesion = self._extremes.forces.cohesion(joints)
+            parts = (joints.state.gap.copy(), joints.traction.copy(), cohesion)
+            counts = contact.counts(joints.status) if counts is None else counts
+        if self._resultants is not None and record.pressure is not None:
+            pressure = record.pressure()
+        local, reactions = self._probe.local, record.reaction.getArray(readonly=True)
+        at_supports = reactions.reshape(-1, self._model.gdim).take(self._nodes, axis=0)
+        vectors = (record.displacement, record.velocity, *(() if static is None else (static,)))
+        moved = tuple(map(local, vectors))
+        iterations = solve.iterations if solve else 0
+        step = record.time, moved, at_supports, ground, counts, iterations, record.energy
+        self._steps.append((*step, parts, pressure))
+        self._bytes += sum(array.nbytes for array in (at_supports, *moved, *parts))
+
+    @property
+    def full(self) -> bool:
+        """True if the block of collected steps has its largest size."""
+        return len(self._steps) >= _BLOCK_STEPS or self._bytes >= _BLOCK_BYTES
+
+    def take(self) -> tuple[Sequence[float], dict[str, dict[str, Any]]]:
+        """Return times and series by stream and name of the collected steps (collective).
+
+        Each series has a row for each step. The steps are discarded.
+        """
+        steps, self._steps, self._bytes = self._steps, [], 0
+        if not steps:
+            return [], {}
+        times, moved, reactions, ground, counts, iterations, rows, parts, pressure = zip(
+            *steps, strict=True
+        )
+        histories = self._motion(times, *zip(*moved, strict=True)) | _shares(counts)
+        histories |= {name: np.stack([step[name] for step in ground]) for name in ground[0]}
+        at_nodes, ends = np.stack(reactions), pairwise(self._ends)
+        sums = np.array([at_nodes[:, start:stop].sum(axis=1) for start, stop in ends])
+        forces = summed(self._model.jointed.mesh.comm, sums)
+        histories |= zip([f"reaction/{name}" for name in self._supports], forces, strict=True)
+        streams = {"histories": histories | {"iterations": np.array(iterations)}}
+        streams["energy"] = energies(self._model, rows)
+        if self._extremes is not None:
+            gap, traction, cohesion = map(np.stack, zip(*parts, strict=True))
+            points = JointPoints(gap, gap[..., 1:] - self._gap[:, 1:], traction, cohesion)
+            streams["joints"] = self._extremes.values(points)
+            if self._resultants is not None:
+                water = None if pressure[0] is None else np.stack(pressure)
+                streams["resultants"] = self._resultants.values(points, water)
+        return times, streams
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return time and velocity of the last step taken, and first gaps (collective)."""
+        assert self._before is not None
+        time, velocity = self._before
+        gap = None if self._extremes is None else Dealt(self._model.jointed.mesh.comm, self._gap)
+        return {"time": time, "velocity": velocity, "gap": gap}
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Restore the values from ``state_dict``."""
+        self._before = state_dict["time"], state_dict["velocity"]
+        if self._extremes is not None:
+            self._gap = state_dict["gap"].copy()
+
+    def _motion(
+        self, times: Sequence[float], u: Sequence[Floats], v: Sequence[Floats], *static: Any
+    ) -> dict[str, Floats]:
+        """Return the motion of the points in consecutive steps (collective).
+
+        The acceleration is the mean since the last record: change of velocity divided by time. This
+        mean is defined for every scheme and any number of substeps.
+        """
+        everywhere, time = self._probe.of_all_ranks, np.array(times)
+        velocity = everywhere(v)
+        last, before = self._before or (-np.inf, velocity[0])  # zero at the first record of a run
+        self._before = times[-1], velocity[-1].copy()
+        change = np.diff(velocity, axis=0, prepend=before[None])
+        acceleration = change / np.diff(time, prepend=last)[:, None, None]
+        values = {"displacement": everywhere(u), "acceleration": acceleration}
+        return values | ({STATIC_PART: everywhere(*static)} if static else {})
+
+
+def _shares(counts: Sequence[Any]) -> dict[str, Floats]:
+    """Return the shares of joint points by status from `StatusCounts`, None without joints."""
+    total = [max(c.total, 1) if c else 1 for c in counts]
+    shares = {}
+    for row in rows_below("histories", "joint_"):
+        status = row.name.removeprefix("joint_")
+        shares[row.name] = np.divide([getattr(c, status) if c else 0 for c in counts], total)
+    return shares

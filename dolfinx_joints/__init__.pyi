@@ -65,6 +65,7 @@ from .loads.water.reservoir_waves import ReservoirWaves as ReservoirWaves
 from .materials.drucker_prager import DruckerPrager as DruckerPrager
 from .materials.elastic import Elastic as Elastic
 from .materials.orthotropic import Orthotropic as Orthotropic
+from .materials.strength import Strength as Strength
 from .mesh.distribution.split_file import read_split as read_split
 from .mesh.distribution.split_file import write_split as write_split
 from .mesh.joint_surface import JointSurface as JointSurface

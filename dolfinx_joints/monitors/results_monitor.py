@@ -26,8 +26,13 @@ from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.probes import PointProbe, Probe, check_points
 from dolfinx_joints.monitors.resultants import ResultantsStream, strengths
 from dolfinx_joints.monitors.step_series import STATIC_PART, StepSeries
-from dolfinx_joints.monitors.surface_stress import StressEnvelopes, check_has_envelopes
-from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_directions
+from dolfinx_joints.monitors.surface_stress import (
+    Strengths,
+    StressEnvelopes,
+    check_has_envelopes,
+    strengths_by_group,
+)
+from dolfinx_joints.postprocessing.envelopes import declare_directions
 from dolfinx_joints.results.layout import declare, declare_body, declare_points, stage_bytes
 from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE
 from dolfinx_joints.results.writer import ResultsWriter, check_storable, contains_only_statics
@@ -52,6 +57,7 @@ class ResultsMonitor(Monitor):
     pressure, and the terms of the sliding safety. Every ``every`` steps: nodal displacements, and
     facet by facet joint gaps, tractions and status, water pressures and broken bonds. Optional:
     resultants of joints and blocks at every step, and envelopes of boundary stresses at the end.
+    At the end: the largest opening, slip and tractions of each joint point over all steps.
 
     Args:
         path: Path of the file.
@@ -62,6 +68,9 @@ class ResultsMonitor(Monitor):
         envelopes: Record envelopes of principal, arch and cantilever stresses, including the static
             state, on the whole boundary or on the named facet groups. Only for 3-D models; costs
             one matrix-vector product per step.
+        strength: `Strength` of the body, or by cell group, for `checks`. With it the envelopes
+            include the time for which the principal tension exceeds 1, 1.1, ... 2 times the
+            dynamic tensile strength.
         resultants: Record force and moment of each joint and on each block at every step.
         static_part: Record the static part of the displacement under a `DifferingMotion`, at the
             points in every step and at all nodes in each state. Costs one solve per step.
@@ -89,6 +98,7 @@ class ResultsMonitor(Monitor):
     metadata: Mapping[str, Any] | None = None
     overwrite: bool = False
     envelopes: bool | Sequence[str] = False
+    strength: Strengths | None = None
     resultants: bool = False
     static_part: bool = False
 
@@ -108,6 +118,8 @@ class ResultsMonitor(Monitor):
         """Raise an error if a quantity to be recorded does not exist in the model."""
         if self.resultants and model.contact is None:
             raise MeshError("resultants=True records forces of joints; the model has no joints.")
+        if strengths_by_group(model, self.strength) and not self.envelopes:
+            raise ValueError("strength needs recorded stresses; set envelopes=True as well.")
         if self.envelopes:
             check_has_envelopes(model)
 
@@ -185,8 +197,10 @@ class ResultsMonitor(Monitor):
             for stream, series in block[1].items()
         }
         examples |= {"states": state} | ({"statics": stages[0]} if stages else {})
-        if self._directions is not None:
-            examples["envelopes"] = dict.fromkeys(ENVELOPE_NAMES, self._directions[0])
+        if largest := self._series.joint_maxima(self._rows):
+            examples["joint_maxima"] = largest
+        if self._envelopes is not None:
+            examples["envelopes"] = self._envelopes.values()
 
         def create() -> None:
             facts["manifest"] = manifest(
@@ -228,6 +242,7 @@ class ResultsMonitor(Monitor):
             "ranks": self._comm.size,
             "units": "SI: m, s, N, Pa, J",
             "laws": strengths(model.contact) if model.contact else {},
+            "strengths": self._strengths,
             **(self.metadata or {}),
         }
 
@@ -243,9 +258,11 @@ class ResultsMonitor(Monitor):
         if self._point_warning and self._comm.rank == 0:
             warn(self._point_warning)
         self._envelopes = self._directions = None
+        strengths_of = strengths_by_group(model, self.strength)
+        self._strengths = {group: asdict(strength) for group, strength in strengths_of.items()}
         if self.envelopes:
             groups = None if isinstance(self.envelopes, bool) else self.envelopes
-            self._envelopes = StressEnvelopes(model, self._nodes, groups)
+            self._envelopes = StressEnvelopes(model, self._nodes, groups, strengths_of)
             self._directions = self._envelopes.directions
         self._rows = None if model.operator is None else JointRows(model.operator)
         self._mesh, self._mesh_sha256 = body_mesh(model, self._nodes, self._rows)
@@ -295,7 +312,7 @@ class ResultsMonitor(Monitor):
         points = {name: [*probe.place, probe.group] for name, probe in self._points.items()}
         faces = self.envelopes if isinstance(self.envelopes, bool) else list(self.envelopes)
         extra = {"envelopes": faces, "resultants": self.resultants, "static_part": self.static_part}
-        return {"points": points, "every": self.every, **extra}
+        return {"points": points, "every": self.every, "strength": self._strengths, **extra}
 
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]
@@ -312,7 +329,7 @@ class ResultsMonitor(Monitor):
         self._series.load_state_dict(state_dict)
         self._time = last.time
         if self._envelopes is not None:
-            self._envelopes.load_state_dict(state_dict["envelopes"])
+            self._envelopes.load_state_dict(state_dict["envelopes"], last.time)
         with raised_together(self._comm):
             if self._comm.rank == 0:
                 if self._backup.exists():
@@ -365,14 +382,16 @@ class ResultsMonitor(Monitor):
         warnings = summary.get("warnings", [])
         if self._point_warning and self._point_warning not in warnings:
             summary = summary | {"warnings": [self._point_warning, *warnings]}
-        block, values = self._series.take(), {}
+        block = self._series.take()
+        values = {"joint_maxima": self._series.joint_maxima(self._rows)}
         if self._envelopes is not None:
-            values = dict(zip(ENVELOPE_NAMES, self._envelopes.columns(), strict=True))
+            values["envelopes"] = self._envelopes.values()
         with handing_out(self._comm, values):
             if self._writer is not None:
                 writer, self._writer = self._writer, None
                 with writer:
                     writer.extend(*block)
-                    if values:
-                        writer.append("envelopes", self._time, values)
+                    for stream, largest in values.items():
+                        if largest:
+                            writer.append(stream, self._time, largest)
                     writer.finish(status, summary)  # type: ignore[arg-type]

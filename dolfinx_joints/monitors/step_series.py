@@ -16,9 +16,11 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.arrays import Dealt, Floats
 from dolfinx_joints.common.mpi import summed
+from dolfinx_joints.laws.law import Status
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.fields import energies
 from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
+from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.probes import PointProbe
 from dolfinx_joints.monitors.resultants import ResultantsStream
 from dolfinx_joints.results.quantities import JointPoints, rows_below
@@ -61,7 +63,8 @@ class StepSeries:
         counts, parts, pressure = solve.counts if solve else None, (), None
         if self._extremes is not None and joints is not None and contact is not None:
             cohesion = self._extremes.forces.cohesion(joints)
-            parts = (joints.state.gap.copy(), joints.traction.copy(), cohesion)
+            sliding = joints.status == Status.SLIP
+            parts = (joints.state.gap.copy(), joints.traction.copy(), cohesion, sliding)
             counts = contact.counts(joints.status) if counts is None else counts
         if self._resultants is not None and record.pressure is not None:
             pressure = record.pressure()
@@ -99,26 +102,36 @@ class StepSeries:
         streams = {"histories": histories | {"iterations": np.array(iterations)}}
         streams["energy"] = energies(self._model, rows)
         if self._extremes is not None:
-            gap, traction, cohesion = map(np.stack, zip(*parts, strict=True))
+            gap, traction, cohesion, sliding = map(np.stack, zip(*parts, strict=True))
             points = JointPoints(gap, gap[..., 1:] - self._gap[:, 1:], traction, cohesion)
-            streams["joints"] = self._extremes.values(points)
+            streams["joints"] = self._extremes.values(points, sliding)
             if self._resultants is not None:
                 water = None if pressure[0] is None else np.stack(pressure)
                 streams["resultants"] = self._resultants.values(points, water)
         return times, streams
 
     def state_dict(self) -> dict[str, Any]:
-        """Return time and velocity of the last step taken, and first gaps (collective)."""
+        """Return the last time and velocity, first gaps, joint maxima (collective)."""
         assert self._before is not None
         time, velocity = self._before
-        gap = None if self._extremes is None else Dealt(self._model.jointed.mesh.comm, self._gap)
-        return {"time": time, "velocity": velocity, "gap": gap}
+        gap = largest = None
+        if self._extremes is not None:
+            comm = self._model.jointed.mesh.comm
+            gap, largest = Dealt(comm, self._gap), Dealt(comm, self._extremes.maxima.T)
+        return {"time": time, "velocity": velocity, "gap": gap, "joint_maxima": largest}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore the values from ``state_dict``."""
         self._before = state_dict["time"], state_dict["velocity"]
         if self._extremes is not None:
             self._gap = state_dict["gap"].copy()
+            self._extremes.maxima = state_dict["joint_maxima"].T.copy()
+
+    def joint_maxima(self, rows: JointRows | None) -> dict[str, Any]:
+        """Return the largest values of the joint points over the steps taken (collective)."""
+        if self._extremes is None or rows is None:
+            return {}
+        return self._extremes.maxima_of_joints(rows)
 
     def _motion(
         self, times: Sequence[float], u: Sequence[Floats], v: Sequence[Floats], *static: Any

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import basix
@@ -30,12 +30,20 @@ from dolfinx_joints.common.mpi import (
     sent_to,
 )
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
+from dolfinx_joints.materials.strength import Strength
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import boundary_facets
-from dolfinx_joints.postprocessing.envelopes import Envelopes, face_directions, stage_stresses
+from dolfinx_joints.postprocessing.envelopes import (
+    ENVELOPE_NAMES,
+    STRENGTHS,
+    Envelopes,
+    face_directions,
+    stage_stresses,
+)
 
 Array = NDArray[Any] | Dealt
+Strengths = Strength | Mapping[str, Strength]  # of the body, or by cell group
 
 _CHUNK = 512  # Cells evaluated at a time: 16 MB for hexahedra of degree 2.
 
@@ -78,7 +86,7 @@ class SurfaceStress:
         place[owned - nodes.first] = numbers
         self.nodes: Ints = dealt(comm, int(ends[-1]), numbers, owned)
         self._blocks = equal_blocks(int(ends[-1]), comm.size)
-        place = rows_at(comm, place, corners.ravel()).reshape(corners.shape)
+        self._place = place = rows_at(comm, place, corners.ravel()).reshape(corners.shape)
         numbered = place[place >= 0]
         cells = added(comm, self._blocks, numbered, np.ones(len(numbered)))
         count = np.ones(place.shape)
@@ -161,6 +169,23 @@ class SurfaceStress:
             stress = stress - np.outer(thermal, self._isotropic)
         return stress
 
+    def strengths(self, model: Model, by_group: Mapping[str, Strength]) -> Floats:
+        """Return the strengths at vertices, columns as in ``STRENGTHS``, (n, 3), [Pa] (collective).
+
+        They are the lowest of the adjacent cells with a strength, NaN without such cells.
+        """
+        lowest: Floats = np.full((len(self.nodes), len(STRENGTHS)), np.inf)
+        for group, strength in by_group.items():
+            place = self._place
+            if group:
+                cells = model.jointed.cells(group)
+                place = place[cells[cells < len(place)]]
+            numbers = place[place >= 0]
+            adjacent = added(self.comm, self._blocks, numbers, np.ones(len(numbers))) > 0.0
+            values = [getattr(strength, name) for name in STRENGTHS]
+            lowest[adjacent] = np.minimum(lowest[adjacent], values)
+        return np.where(np.isinf(lowest), np.nan, lowest)
+
     def across(self, rows: NDArray[Any]) -> NDArray[Any] | Dealt:
         """Return the rows of all ranks as one array."""
         return across(self.comm, rows, self._blocks)
@@ -193,6 +218,7 @@ class StressEnvelopes:
         nodes: Node numbering.
         groups: Names of facet groups, such as ``["upstream"]``; by default the whole boundary, in
             2-D all cells.
+        strength: Strengths by cell group, see `strengths_by_group`, for the time of overstress.
 
     Attributes:
         nodes: Vertex numbers in this rank's block, ascending over the ranks, shape (n,).
@@ -201,12 +227,17 @@ class StressEnvelopes:
     """
 
     def __init__(
-        self, model: Model, nodes: NodeNumbering, groups: Sequence[str] | None = None
+        self,
+        model: Model,
+        nodes: NodeNumbering,
+        groups: Sequence[str] | None = None,
+        strength: Mapping[str, Strength] | None = None,
     ) -> None:
         """Assemble the stress recovery (collective)."""
         chosen = None if groups is None else facets_of_groups(model, nodes, groups)
         self._stress = SurfaceStress(model, nodes, chosen)
         self.nodes = self._stress.nodes
+        self._strengths = self._stress.strengths(model, strength) if strength else None
         if model.gdim == 3:
             free = free_facets(model, nodes) if chosen is None else chosen
             self.arch, self.cantilever = _directions(model, nodes, free, self.nodes)
@@ -216,20 +247,23 @@ class StressEnvelopes:
         self.begin()
 
     @property
-    def directions(self) -> tuple[Array, Array, Array]:
-        """``nodes``, ``arch`` and ``cantilever`` on all ranks."""
+    def directions(self) -> tuple[Array, Array, Array, list[Array]]:
+        """``nodes``, ``arch``, ``cantilever`` and strengths, or an empty list, on all ranks."""
         nodes, arch, cantilever = (
             self._stress.across(rows) for rows in (self.nodes, self.arch, self.cantilever)
         )
-        return nodes, arch, cantilever
+        strengths = () if self._strengths is None else self._strengths.T
+        return nodes, arch, cantilever, [self._stress.across(values) for values in strengths]
 
     def begin(self) -> None:
         """Reset the envelopes at the start of a run."""
-        self._envelopes = Envelopes(self.arch, self.cantilever)
+        dynamic = STRENGTHS.index("dynamic_tensile")
+        strength = None if self._strengths is None else self._strengths[:, dynamic]
+        self._envelopes = Envelopes(self.arch, self.cantilever, strength)
 
     def see(self, u: PETSc.Vec, time: float) -> None:
         """Update the envelopes with the stresses at a time [s], from displacements (collective)."""
-        self._envelopes.see(self._stress(u, time))
+        self._envelopes.see(self._stress(u, time), time)
 
     def at(self, u: PETSc.Vec, time: float, loads: Sequence[int], present: Floats) -> list[Array]:
         """Return the stresses of a static stage of all ranks, see `stage_stresses` (collective).
@@ -245,16 +279,19 @@ class StressEnvelopes:
         return [self._stress.across(column) for column in columns.T]
 
     def state_dict(self) -> Dealt:
-        """Return the envelopes of all ranks, columns as in ``ENVELOPE_NAMES`` (collective)."""
-        return Dealt(self._stress.comm, self._envelopes.columns)
+        """Return the state of the envelopes of all ranks (collective)."""
+        return Dealt(self._stress.comm, self._envelopes.state)
 
-    def columns(self) -> list[Array]:
-        """Return the envelopes of all ranks, in the order of ``ENVELOPE_NAMES``."""
-        return [self._stress.across(column) for column in self._envelopes.columns.T]
+    def values(self) -> dict[str, Array]:
+        """Return the envelopes of all ranks by series of the stream ``envelopes``."""
+        series = dict(zip(ENVELOPE_NAMES, self._envelopes.columns.T, strict=True))
+        if self._envelopes.overstress_time is not None:
+            series["overstress_time"] = self._envelopes.overstress_time
+        return {name: self._stress.across(rows) for name, rows in series.items()}
 
-    def load_state_dict(self, columns: Floats) -> None:
-        """Restore the envelopes at this rank's vertices from ``state_dict``."""
-        self._envelopes.load_state_dict(columns)
+    def load_state_dict(self, state: Floats, time: float) -> None:
+        """Restore the envelopes at this rank's vertices, last updated at a time [s]."""
+        self._envelopes.load_state(state, time)
 
 
 def _directions(
@@ -284,6 +321,17 @@ def check_has_envelopes(model: Model) -> None:
             "Stress envelopes need an elastic body: stresses in plastic cells also depend on "
             "plastic strains."
         )
+
+
+def strengths_by_group(model: Model, given: Strengths | None) -> dict[str, Strength]:
+    """Return strengths by cell group, which is "" for the whole body; raise an error if invalid."""
+    by_group = dict(given) if isinstance(given, Mapping) else {"": given} if given else {}
+    for group, strength in by_group.items():
+        if not isinstance(strength, Strength):
+            raise ValueError(f"strength must be of type Strength or a dict of such, got {given!r}.")
+        if group:
+            model.jointed.cells(group)
+    return by_group
 
 
 def facets_of_groups(model: Model, nodes: NodeNumbering, groups: Sequence[str]) -> Ints:

@@ -42,6 +42,7 @@ from dolfinx_joints.postprocessing.joints.surface import (
     map_colours,
     map_limits,
     map_value,
+    state_of_map,
 )
 from dolfinx_joints.postprocessing.palette import (
     CONCRETE,
@@ -176,10 +177,11 @@ def joint_map(
     rotated about the vertical through its middle until it faces the viewer, upstream edge to the
     left; ``turned=False`` disables this. In maps of tractions and states, open points are black.
     Tied points, at the end of a joint inside a body, are grey in every map. The ratio is
-    -|t_s|/|t_n|, the slip is the tangential gap. `plots.joint_maps` draws one panel per joint.
+    -|t_s|/|t_n|, the slip is the tangential gap. Quantities ``largest_...`` are the largest values
+    of each point over all steps. `plots.joint_maps` draws one panel per joint.
     """
     camera = Camera(azimuth_deg, elevation_deg)
-    results, number, moment = chosen_state(results, time, index, stage)
+    results, number, moment = state_of_map(results, quantity, time, index, stage)
     body = Body(results, groups)
     joints = results.joints if joint is None else [joint]
     if not joints:

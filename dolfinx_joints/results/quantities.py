@@ -187,6 +187,15 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("*/bond", "N", text=_BOND, rare=True, by="integral", of=lambda p: p.cohesion),
         Q("*/safety", "-", "sliding safety"),  # from the integrals, by `joint_extremes`
     ),
+    # Largest values over all steps, by joint point.
+    "joint_maxima": (
+        Q("*/opening", "m", "largest opening", "mm", of=lambda p: p.gap[..., 0]),
+        Q("*/slip", "m", "largest slip", "mm", of=lambda p: _size(p.slip)),
+        Q("*/pressure", "Pa", "largest pressure", "MPa", of=lambda p: p.pressure),
+        Q("*/tension", "Pa", "largest tension", "MPa", of=lambda p: p.traction[..., 0]),
+        Q("*/shear", "Pa", "largest tangential traction", "MPa", of=lambda p: p.shear),
+        Q("*/slid", "-", text="1 where a point slid in any step, zero elsewhere"),
+    ),
     "resultants": (
         Q("joints/*/force", "N", "effective force", text="effective force on the + side of {}"),
         Q("joints/*/moment", "N m", "moment about the centroid"),
@@ -218,6 +227,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("arch_min", "Pa", text="smallest stress along the arch direction"),
         Q("cantilever_max", "Pa", text="largest stress along the cantilever direction"),
         Q("cantilever_min", "Pa", text="smallest stress along the cantilever direction"),
+        Q("overstress_time", "s", text="time above each level x dynamic tensile strength"),
     ),
     # Attributes of `StageJoint`, not in files.
     "stage_joints": (

@@ -20,9 +20,9 @@ from dolfinx_joints.postprocessing.joints.surface import (
     map_colours,
     map_limits,
     map_value,
+    state_of_map,
 )
 from dolfinx_joints.postprocessing.palette import GREY, OPEN, TIED
-from dolfinx_joints.results.arguments import chosen_state
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
@@ -58,8 +58,11 @@ def joint_maps(
     The state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or the
     static ``stage`` of this name or number. In maps of tractions open points are black. The slip is
     the tangential gap. Tied points, at the end of a joint inside a body, are hatched.
+
+    Quantities ``largest_...`` are the largest values of each point over all steps of the run, the
+    slip since the first record. No state is given with them.
     """
-    results, number, moment = chosen_state(results, time, index, stage)
+    results, number, moment = state_of_map(results, quantity, time, index, stage)
     names = results.joints if joints is None else list(joints)
     if not names:
         raise ValueError(f"{results.path} has no joints to draw.")

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.results.layout import Array
+from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 EnvelopeName = Literal[
@@ -180,6 +181,11 @@ def declare_directions(
     for name, strength in zip(STRENGTHS, strengths, strict=bool(strengths)):
         text = f"{name.replace('_', ' ')} strength"
         writer.static(f"envelopes/strength/{name}", strength, "Pa", text)
+
+
+def has_strengths(results: Results) -> bool:
+    """Return True if the file contains strengths."""
+    return f"envelopes/strength/{STRENGTHS[0]}" in results.statics
 
 
 def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> Floats:

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Demand-capacity ratios of the recorded stresses, overstressed area and time of overstress."""
+"""Ratios of recorded stresses to strengths, overstressed area and time of overstress."""
 
 from __future__ import annotations
 
@@ -11,133 +11,113 @@ import numpy as np
 
 from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.postprocessing.body import Body
-from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES
+from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES, has_strengths
 from dolfinx_joints.results.reader import Results
 
 
 class Demand(NamedTuple):
-    """Value of a criterion and its place in words.
-
-    Attributes:
-        value: Value in SI units.
-        where: Place, with the static stage or the level of overstress if there is one.
-        limit: Limit at this place, if it depends on the place.
-    """
+    """Value of a criterion in SI units, its place in words, and its limit if the place sets it."""
 
     value: float
     where: str
     limit: float | None = None
 
 
-def has_strengths(results: Results) -> bool:
-    """Return True if the file contains strengths."""
-    return "envelopes/strength/tensile" in results.statics
+def stress_demands(
+    results: Results, groups: Collection[str] | None, time_limit: float | None
+) -> dict[str, Demand]:
+    """Return the recorded values of the criteria of stresses, by attribute of `Limits`.
 
-
-class StressDemand:
-    """Stresses of a run divided by the strengths in its file.
-
-    Args:
-        results: A run with strengths (`has_strengths`).
-        groups: Cell groups to evaluate; the whole body by default.
+    ``time_limit`` is the allowed time of overstress at a ratio of 1 [s].
     """
+    if not has_strengths(results):
+        return {}
+    demand = _StressDemand(results, groups)
+    found = {}
+    if STAGE_STRESSES["principal_max"] in results.streams.get("statics", ()):
+        found["static_tension"] = demand.of_stages("principal_max", "tensile")
+        found["static_compression"] = demand.of_stages("principal_min", "compressive")
+    if "envelopes" in results.streams and results.rows("envelopes"):
+        found["tension"] = demand.of_run("principal_max", "dynamic_tensile")
+        found["compression"] = demand.of_run("principal_min", "compressive")
+        found["overstressed_area"] = demand.area()
+        found["overstress_time"] = demand.time(time_limit)
+    return found
 
-    def __init__(self, results: Results, groups: Collection[str] | None = None) -> None:
+
+class _StressDemand:
+    """Stresses at the vertices of cell groups with a strength."""
+
+    def __init__(self, results: Results, groups: Collection[str] | None) -> None:
         self._results, self._body = results, Body(results, groups)
-        numbers = results.static("envelopes/nodes")
-        tensile = results.static("envelopes/strength/tensile")
-        chosen = np.isin(numbers, self._body.seen) & np.isfinite(tensile)
+        nodes, strength = results.static("envelopes/nodes"), self._strength("tensile", slice(None))
+        chosen = np.isin(nodes, self._body.seen) & np.isfinite(strength)
+        if not chosen.any():
+            raise ValueError("No recorded stress is at a vertex of the groups with a strength.")
         self._rows: Ints = np.flatnonzero(chosen)
-        self._nodes: Ints = numbers[self._rows]
+        self._nodes: Ints = nodes[self._rows]
 
-    def tension(self) -> Floats:
-        """Return the largest principal stress / dynamic tensile strength at the vertices, (n,)."""
-        return self._largest("principal_max") / self._strength("dynamic_tensile")
-
-    def of_run(self, name: str, strength: str) -> Demand | None:
+    def of_run(self, name: str, strength: str) -> Demand:
         """Return the largest ratio of an envelope of principal stress to a strength."""
-        if not self.recorded:
-            return None
-        ratio = _sign(name) * self._largest(name) / self._strength(strength)
-        return Demand(float(ratio.max()), self._place(int(ratio.argmax())))
+        ratio = self._ratio(self._results.series("envelopes", name, -1), name, strength)
+        return Demand(float(ratio.max()), self._place(ratio.argmax()))
 
-    def of_stages(self, name: str, strength: str) -> Demand | None:
+    def of_stages(self, name: str, strength: str) -> Demand:
         """Return the largest ratio of a principal stress to a strength in the static stages."""
-        results, series = self._results, STAGE_STRESSES[name]
-        if series not in results.streams.get("statics", ()) or not len(self._rows):
-            return None
-        stages = results.stage_names
-        ratios = [
-            _sign(name) * results.series("statics", series, i)[self._rows]
-            for i in range(len(stages))
-        ] / self._strength(strength)
-        stage, row = np.unravel_index(ratios.argmax(), ratios.shape)
-        where = f"after {stages[stage]}, {self._place(int(row))}"
-        return Demand(float(ratios.max()), where)
+        largest = []
+        for i, stage in enumerate(self._results.stage_names):
+            stress = self._results.series("statics", STAGE_STRESSES[name], i)
+            ratio = self._ratio(stress, name, strength)
+            where = f"after {stage}, {self._place(ratio.argmax())}"
+            largest.append(Demand(float(ratio.max()), where))
+        return max(largest)
 
-    def overstressed_area(self) -> Demand | None:
+    def area(self) -> Demand:
         """Return the share of the area whose tension exceeds the dynamic tensile strength.
 
-        In 3-D it is the share of the recorded surface of the groups without joints, in 2-D of the
-        area of their cells. The area of a facet or cell is divided equally among its vertices.
+        The area is the recorded surface without joints, in 2-D the cells. Each facet or cell is
+        divided equally among its vertices.
         """
-        if not self.recorded:
-            return None
         faces, nodes = self._body.shown, self._body.nodes
         faces = faces[np.isin(faces, self._nodes).all(axis=1)]
         corners = nodes[faces]
         cross = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
         share = 0.5 * np.linalg.norm(cross, axis=1) / faces.shape[1]
         area = np.bincount(faces.ravel(), np.repeat(share, faces.shape[1]), len(nodes))
-        if not area.any():
-            return None
-        kind = "area of the cells" if self._body.plane else "recorded surface"
-        over = area[self._nodes[self.tension() > 1.0]].sum() / area.sum()
-        return Demand(float(over), f"of {area.sum():.4g} m², {kind}")
+        largest = self._results.series("envelopes", "principal_max", -1)
+        over = self._nodes[self._ratio(largest, "principal_max", "dynamic_tensile") > 1.0]
+        return Demand(float(area[over].sum() / area.sum()), f"of {area.sum():.4g} m²")
 
-    def overstress_time(self, at_one: float | None) -> Demand | None:
-        """Return the time of overstress at the point and level where it is largest beside its limit.
+    def time(self, limit: float | None) -> Demand:
+        """Return the time of overstress where its ratio to the limit is largest.
 
-        The limit falls linearly from ``at_one`` [s] at level 1 to zero at level 2. Without it, the
-        longest time at level 1 is returned.
+        The limit falls linearly from ``limit`` [s] at level 1 to zero at level 2. Without a limit,
+        the longest time at level 1 is returned.
         """
-        if not self.recorded:
-            return None
-        levels = self._results.static("envelopes/levels")
-        time = self._results.series("envelopes", "overstress_time", -1)[self._rows]
-        limits = (at_one or 0.0) * np.clip(2.0 - levels, 0.0, None)
-        ratio = time[:, :1]
-        if at_one is not None:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                ratio = np.where(time > 0.0, time / limits, 0.0)
+        levels = self._results.static("envelopes/levels")[: None if limit else 1]
+        time = self._results.series("envelopes", "overstress_time", -1)[self._rows, : len(levels)]
+        limits = (limit or 1.0) * (2.0 - levels)
+        with np.errstate(divide="ignore"):
+            ratio = np.divide(time, limits, out=np.zeros_like(time), where=time > 0.0)
         row, level = np.unravel_index(ratio.argmax(), ratio.shape)
-        where = f"above {levels[level]:.1f} x strength, {self._place(int(row))}"
-        limit = None if at_one is None else float(limits[level])
-        return Demand(float(time[row, level]), where, limit)
+        where = f"above {levels[level]:.1f} x strength, {self._place(row)}"
+        return Demand(float(time[row, level]), where, float(limits[level]) if limit else None)
 
-    @property
-    def recorded(self) -> bool:
-        """True if the file has the envelopes of an ended dynamic run at vertices with strengths."""
-        results = self._results
-        ended = "envelopes" in results.streams and results.rows("envelopes") > 0
-        return ended and len(self._rows) > 0
+    def _ratio(self, stress: Floats, name: str, strength: str) -> Floats:
+        sign = 1.0 if name == "principal_max" else -1.0
+        return sign * stress[self._rows] / self._strength(strength, self._rows)
 
-    def _largest(self, name: str) -> Floats:
-        return self._results.series("envelopes", name, -1)[self._rows]
+    def _strength(self, name: str, rows: Ints | slice) -> Floats:
+        return np.asarray(self._results.static(f"envelopes/strength/{name}")[rows])
 
-    def _strength(self, name: str) -> Floats:
-        return np.asarray(self._results.static(f"envelopes/strength/{name}")[self._rows])
-
-    def _place(self, row: int) -> str:
+    def _place(self, row: np.intp) -> str:
         """Return the cell groups and the coordinates of a vertex."""
-        node, start = self._nodes[row], "mesh/groups/"
-        cells = self._results.static("mesh/cells")
-        names = [name for name in self._results.statics if name.startswith(start)]
-        groups = [n.removeprefix(start) for n in names if node in cells[self._results.static(n)]]
-        x = self._body.nodes[node][: 2 if self._body.plane else 3]
-        place = f"at ({', '.join(f'{value + 0.0:.4g}' for value in x)}) m"
-        return f"{' and '.join(groups)} {place}".strip()
-
-
-def _sign(name: str) -> float:
-    return 1.0 if name == "principal_max" else -1.0
+        node, start, results = self._nodes[row], "mesh/groups/", self._results
+        cells = results.static("mesh/cells")
+        groups = [
+            name.removeprefix(start)
+            for name in results.statics
+            if name.startswith(start) and node in cells[results.static(name)]
+        ]
+        place = ", ".join(f"{x + 0.0:.4g}" for x in self._body.nodes[node])
+        return f"{' and '.join(groups)} at ({place}) m".strip()

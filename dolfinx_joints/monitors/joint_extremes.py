@@ -11,19 +11,14 @@ import numpy as np
 from dolfinx_joints.common.arrays import Flags, Floats
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.resultants import JointForces, breakable_joints
 from dolfinx_joints.postprocessing.joints.extremes import ALIKE
-from dolfinx_joints.results.quantities import JointPoints, at_points, rows_below, rows_by
+from dolfinx_joints.results.quantities import TABLE, JointPoints, at_points, rows_by
 
 # Rows of the table of quantities by kind, and columns of maxima whose positions are recorded.
 _LARGEST, _PLACES = rows_by("largest"), rows_by("place")
 _SUMS, _MEANS = rows_by("integral"), rows_by("mean")
-_MAXIMA = rows_below("joint_maxima", "*/")
-# Maxima of the largest values are computed from these; others have their own formula.
-_KEYS = [row.key for row in _LARGEST]
-_OTHERS = [row for row in _MAXIMA if row.key not in _KEYS and row.of is not None]
-_PLACED = [_KEYS.index(row.key.removesuffix("_at")) for row in _PLACES]
+_PLACED = [[row.key for row in _LARGEST].index(row.key.removesuffix("_at")) for row in _PLACES]
 
 
 class JointExtremesStream:
@@ -31,8 +26,7 @@ class JointExtremesStream:
 
     Attributes:
         forces: Sums over the points of each joint.
-        maxima: Largest values of each point over all steps, shape (rows of the stream
-            ``joint_maxima``, n).
+        maxima: Rows of the stream ``joint_maxima`` at the points of this rank, shape (rows, n).
     """
 
     def __init__(self, model: Model) -> None:
@@ -42,7 +36,7 @@ class JointExtremesStream:
         self._operator, self._tied = model.operator, model.contact.tied
         self.forces = JointForces(model)
         self._bonded = breakable_joints(model.contact)
-        self.maxima: Floats = np.zeros((len(_MAXIMA), len(model.operator.joint)))
+        self.maxima: Floats = np.zeros((len(TABLE["joint_maxima"]), len(model.operator.joint)))
         # The points of a joint are consecutive.
         self._joints, self._starts = np.unique(model.operator.joint, return_index=True)
         # Values below the rounding error of coordinates (1e-35 m for example) count as zero.
@@ -54,12 +48,15 @@ class JointExtremesStream:
     def values(self, points: JointPoints, sliding: Flags) -> dict[str, Floats]:
         """Return the series of consecutive steps by name, a row for each step (collective).
 
-        The flags (steps, n) are true at sliding points.
+        ``sliding`` is True at sliding points, shape (steps, n).
         """
         count, operator = len(_LARGEST), self._operator
-        local = np.maximum(at_points(_LARGEST, points), 0.0)
+        # The first rows of the maxima are those of _LARGEST.
+        local = np.maximum(at_points(TABLE["joint_maxima"], points), 0.0)
         local[..., self._tied] = 0.0
-        self._extend_maxima(local, points, sliding)
+        slid = (sliding & (points.slip != 0.0).any(axis=-1)).any(axis=0)
+        np.maximum(self.maxima, [*local.max(axis=1), slid], out=self.maxima)
+        local = local[:count]
         largest = np.zeros((*local.shape[:-1], len(operator.names)))
         self._reduce(np.maximum, local, largest)
         integrands = at_points((*_SUMS, *_MEANS), points) * self.forces.areas
@@ -74,22 +71,6 @@ class JointExtremesStream:
             for number, joint in enumerate(operator.names)
             for row, values in zip(rows, columns, strict=True)
             if not row.rare or joint in self._bonded
-        }
-
-    def _extend_maxima(self, local: Floats, points: JointPoints, sliding: Flags) -> None:
-        """Update the maxima with the values ``local`` of the rows ``_LARGEST``."""
-        slid = (sliding & (local[_KEYS.index("slip")] > 0.0)).any(axis=0)
-        others = at_points(_OTHERS, points).max(axis=1)
-        others[:, self._tied] = 0.0
-        by_row = np.concatenate([local.max(axis=1), others, slid[None]])
-        np.maximum(self.maxima, by_row, out=self.maxima)
-
-    def maxima_of_joints(self, rows: JointRows) -> dict[str, Any]:
-        """Return the maxima of all ranks by series (collective)."""
-        return {
-            row.name.replace("*", joint): values
-            for row, local in zip(_MAXIMA, self.maxima, strict=True)
-            for joint, values in rows.across(rows(local)).items()
         }
 
     def _places(self, local: Floats, largest: Floats) -> Floats:

@@ -16,6 +16,8 @@ from petsc4py import PETSc
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, MeshError, OtherRunError, warn
 from dolfinx_joints.common.mpi import handing_out, raised_together
+from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.materials.strength import Strength
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.resolution import resolution
@@ -26,12 +28,7 @@ from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.probes import PointProbe, Probe, check_points
 from dolfinx_joints.monitors.resultants import ResultantsStream, strengths
 from dolfinx_joints.monitors.step_series import STATIC_PART, StepSeries
-from dolfinx_joints.monitors.surface_stress import (
-    Strengths,
-    StressEnvelopes,
-    check_has_envelopes,
-    strengths_by_group,
-)
+from dolfinx_joints.monitors.surface_stress import StressEnvelopes, check_has_envelopes
 from dolfinx_joints.postprocessing.envelopes import declare_directions
 from dolfinx_joints.results.layout import declare, declare_body, declare_points, stage_bytes
 from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE
@@ -68,9 +65,9 @@ class ResultsMonitor(Monitor):
         envelopes: Record envelopes of principal, arch and cantilever stresses, including the static
             state, on the whole boundary or on the named facet groups. Only for 3-D models; costs
             one matrix-vector product per step.
-        strength: `Strength` of the body, or by cell group, for `checks`. With it the envelopes
-            include the time for which the principal tension exceeds 1, 1.1, ... 2 times the
-            dynamic tensile strength.
+        strength: `Strength` of the body or by cell group for `checks`, to be given with
+            ``envelopes``. Also records the time for which the largest principal stress exceeds
+            1, 1.1, ... 2 times the dynamic tensile strength.
         resultants: Record force and moment of each joint and on each block at every step.
         static_part: Record the static part of the displacement under a `DifferingMotion`, at the
             points in every step and at all nodes in each state. Costs one solve per step.
@@ -98,13 +95,19 @@ class ResultsMonitor(Monitor):
     metadata: Mapping[str, Any] | None = None
     overwrite: bool = False
     envelopes: bool | Sequence[str] = False
-    strength: Strengths | None = None
+    strength: Strength | Mapping[str, Strength] | None = None
     resultants: bool = False
     static_part: bool = False
 
     def __post_init__(self) -> None:
         """Check the arguments; nothing is written before the run starts."""
         check_storable("metadata", self.metadata or {})
+        given = self.strength or {}
+        self._strengths = dict(given) if isinstance(given, Mapping) else {"": given}
+        are_strengths = all(isinstance(s, Strength) for s in self._strengths.values())
+        check_kind_of("strength", given, are_strengths, "a Strength, or one by cell group")
+        if self._strengths and not self.envelopes:
+            raise ValueError("strength needs recorded stresses: set envelopes=True as well.")
         self._path, self._points = Path(self.path), check_points(self.points)
         self._backup = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None
@@ -118,8 +121,6 @@ class ResultsMonitor(Monitor):
         """Raise an error if a quantity to be recorded does not exist in the model."""
         if self.resultants and model.contact is None:
             raise MeshError("resultants=True records forces of joints; the model has no joints.")
-        if strengths_by_group(model, self.strength) and not self.envelopes:
-            raise ValueError("strength needs recorded stresses; set envelopes=True as well.")
         if self.envelopes:
             check_has_envelopes(model)
 
@@ -197,10 +198,7 @@ class ResultsMonitor(Monitor):
             for stream, series in block[1].items()
         }
         examples |= {"states": state} | ({"statics": stages[0]} if stages else {})
-        if largest := self._series.joint_maxima(self._rows):
-            examples["joint_maxima"] = largest
-        if self._envelopes is not None:
-            examples["envelopes"] = self._envelopes.values()
+        examples |= self._ending()
 
         def create() -> None:
             facts["manifest"] = manifest(
@@ -242,7 +240,6 @@ class ResultsMonitor(Monitor):
             "ranks": self._comm.size,
             "units": "SI: m, s, N, Pa, J",
             "laws": strengths(model.contact) if model.contact else {},
-            "strengths": self._strengths,
             **(self.metadata or {}),
         }
 
@@ -258,11 +255,9 @@ class ResultsMonitor(Monitor):
         if self._point_warning and self._comm.rank == 0:
             warn(self._point_warning)
         self._envelopes = self._directions = None
-        strengths_of = strengths_by_group(model, self.strength)
-        self._strengths = {group: asdict(strength) for group, strength in strengths_of.items()}
         if self.envelopes:
             groups = None if isinstance(self.envelopes, bool) else self.envelopes
-            self._envelopes = StressEnvelopes(model, self._nodes, groups, strengths_of)
+            self._envelopes = StressEnvelopes(model, self._nodes, groups, self._strengths)
             self._directions = self._envelopes.directions
         self._rows = None if model.operator is None else JointRows(model.operator)
         self._mesh, self._mesh_sha256 = body_mesh(model, self._nodes, self._rows)
@@ -312,7 +307,8 @@ class ResultsMonitor(Monitor):
         points = {name: [*probe.place, probe.group] for name, probe in self._points.items()}
         faces = self.envelopes if isinstance(self.envelopes, bool) else list(self.envelopes)
         extra = {"envelopes": faces, "resultants": self.resultants, "static_part": self.static_part}
-        return {"points": points, "every": self.every, "strength": self._strengths, **extra}
+        strength = {group: asdict(given) for group, given in self._strengths.items()}
+        return {"points": points, "every": self.every, "strength": strength, **extra}
 
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]
@@ -377,21 +373,25 @@ class ResultsMonitor(Monitor):
             if self._writer is not None:
                 self._writer.append(stream, time, values)
 
+    def _ending(self) -> dict[str, dict[str, Any]]:
+        """Return the streams with a single record at the end of a run (collective)."""
+        maxima = self._series.joint_maxima(self._rows)
+        streams: dict[str, dict[str, Any]] = {"joint_maxima": maxima} if maxima else {}
+        if self._envelopes is not None:
+            streams["envelopes"] = self._envelopes.values()
+        return streams
+
     def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Write the envelopes and close the file (collective)."""
+        """Write the envelopes and the joint maxima, and close the file (collective)."""
         warnings = summary.get("warnings", [])
         if self._point_warning and self._point_warning not in warnings:
             summary = summary | {"warnings": [self._point_warning, *warnings]}
-        block = self._series.take()
-        values = {"joint_maxima": self._series.joint_maxima(self._rows)}
-        if self._envelopes is not None:
-            values["envelopes"] = self._envelopes.values()
-        with handing_out(self._comm, values):
+        block, streams = self._series.take(), self._ending()
+        with handing_out(self._comm, streams):
             if self._writer is not None:
                 writer, self._writer = self._writer, None
                 with writer:
                     writer.extend(*block)
-                    for stream, largest in values.items():
-                        if largest:
-                            writer.append(stream, self._time, largest)
+                    for stream, values in streams.items():
+                        writer.append(stream, self._time, values)
                     writer.finish(status, summary)  # type: ignore[arg-type]

@@ -23,7 +23,7 @@ from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
 from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.probes import PointProbe
 from dolfinx_joints.monitors.resultants import ResultantsStream
-from dolfinx_joints.results.quantities import JointPoints, rows_below
+from dolfinx_joints.results.quantities import TABLE, JointPoints, rows_below
 from dolfinx_joints.simulation.record import Record
 
 STATIC_PART = "static_displacement"
@@ -63,7 +63,7 @@ class StepSeries:
         counts, parts, pressure = solve.counts if solve else None, (), None
         if self._extremes is not None and joints is not None and contact is not None:
             cohesion = self._extremes.forces.cohesion(joints)
-            sliding = joints.status == Status.SLIP
+            sliding = joints.status >= Status.SLIP  # also closed without friction
             parts = (joints.state.gap.copy(), joints.traction.copy(), cohesion, sliding)
             counts = contact.counts(joints.status) if counts is None else counts
         if self._resultants is not None and record.pressure is not None:
@@ -111,14 +111,14 @@ class StepSeries:
         return times, streams
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the last time and velocity, first gaps, joint maxima (collective)."""
+        """Return the last time and velocity, first gaps and joint maxima (collective)."""
         assert self._before is not None
         time, velocity = self._before
-        gap = largest = None
+        joints: dict[str, Floats] = {}
         if self._extremes is not None:
-            comm = self._model.jointed.mesh.comm
-            gap, largest = Dealt(comm, self._gap), Dealt(comm, self._extremes.maxima.T)
-        return {"time": time, "velocity": velocity, "gap": gap, "joint_maxima": largest}
+            joints = {"gap": self._gap, "joint_maxima": self._extremes.maxima.T}
+        parts = {name: Dealt(self._model.jointed.mesh.comm, v) for name, v in joints.items()}
+        return {"time": time, "velocity": velocity, **parts}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore the values from ``state_dict``."""
@@ -129,9 +129,12 @@ class StepSeries:
 
     def joint_maxima(self, rows: JointRows | None) -> dict[str, Any]:
         """Return the largest values of the joint points over the steps taken (collective)."""
-        if self._extremes is None or rows is None:
-            return {}
-        return self._extremes.maxima_of_joints(rows)
+        series: dict[str, Any] = {}
+        if self._extremes is not None and rows is not None:
+            for i, row in enumerate(TABLE["joint_maxima"]):
+                by_joint = rows.across(rows(self._extremes.maxima[i])).items()
+                series |= {row.name.replace("*", joint): values for joint, values in by_joint}
+        return series
 
     def _motion(
         self, times: Sequence[float], u: Sequence[Floats], v: Sequence[Floats], *static: Any

@@ -43,7 +43,6 @@ from dolfinx_joints.postprocessing.envelopes import (
 )
 
 Array = NDArray[Any] | Dealt
-Strengths = Strength | Mapping[str, Strength]  # of the body, or by cell group
 
 _CHUNK = 512  # Cells evaluated at a time: 16 MB for hexahedra of degree 2.
 
@@ -169,22 +168,21 @@ class SurfaceStress:
             stress = stress - np.outer(thermal, self._isotropic)
         return stress
 
-    def strengths(self, model: Model, by_group: Mapping[str, Strength]) -> Floats:
-        """Return the strengths at vertices, columns as in ``STRENGTHS``, (n, 3), [Pa] (collective).
+    def strengths(self, model: Model, by_group: Mapping[str, Strength]) -> dict[str, Floats]:
+        """Return the lowest strengths of the cells at vertices, shape (n,), [Pa] (collective).
 
-        They are the lowest of the adjacent cells with a strength, NaN without such cells.
+        Names are those in ``STRENGTHS``. A strength is infinite if no cell at the vertex is in a
+        group. The group "" is the whole body.
         """
-        lowest: Floats = np.full((len(self.nodes), len(STRENGTHS)), np.inf)
+        lowest = {name: np.full(len(self.nodes), np.inf) for name in STRENGTHS if by_group}
         for group, strength in by_group.items():
-            place = self._place
-            if group:
-                cells = model.jointed.cells(group)
-                place = place[cells[cells < len(place)]]
-            numbers = place[place >= 0]
+            cells = model.jointed.cells(group) if group else np.arange(len(self._place))
+            numbers = self._place[cells[cells < len(self._place)]]
+            numbers = numbers[numbers >= 0]
             adjacent = added(self.comm, self._blocks, numbers, np.ones(len(numbers))) > 0.0
-            values = [getattr(strength, name) for name in STRENGTHS]
-            lowest[adjacent] = np.minimum(lowest[adjacent], values)
-        return np.where(np.isinf(lowest), np.nan, lowest)
+            for name, values in lowest.items():
+                values[adjacent] = np.minimum(values[adjacent], getattr(strength, name))
+        return lowest
 
     def across(self, rows: NDArray[Any]) -> NDArray[Any] | Dealt:
         """Return the rows of all ranks as one array."""
@@ -218,7 +216,7 @@ class StressEnvelopes:
         nodes: Node numbering.
         groups: Names of facet groups, such as ``["upstream"]``; by default the whole boundary, in
             2-D all cells.
-        strength: Strengths by cell group, see `strengths_by_group`, for the time of overstress.
+        strength: Strengths by cell group, see `SurfaceStress.strengths`.
 
     Attributes:
         nodes: Vertex numbers in this rank's block, ascending over the ranks, shape (n,).
@@ -237,7 +235,7 @@ class StressEnvelopes:
         chosen = None if groups is None else facets_of_groups(model, nodes, groups)
         self._stress = SurfaceStress(model, nodes, chosen)
         self.nodes = self._stress.nodes
-        self._strengths = self._stress.strengths(model, strength) if strength else None
+        self._strengths = self._stress.strengths(model, strength or {})
         if model.gdim == 3:
             free = free_facets(model, nodes) if chosen is None else chosen
             self.arch, self.cantilever = _directions(model, nodes, free, self.nodes)
@@ -247,18 +245,14 @@ class StressEnvelopes:
         self.begin()
 
     @property
-    def directions(self) -> tuple[Array, Array, Array, list[Array]]:
-        """``nodes``, ``arch``, ``cantilever`` and strengths, or an empty list, on all ranks."""
-        nodes, arch, cantilever = (
-            self._stress.across(rows) for rows in (self.nodes, self.arch, self.cantilever)
-        )
-        strengths = () if self._strengths is None else self._strengths.T
-        return nodes, arch, cantilever, [self._stress.across(values) for values in strengths]
+    def directions(self) -> list[Array]:
+        """``nodes``, ``arch``, ``cantilever`` and, if given, strengths on all ranks."""
+        rows = (self.nodes, self.arch, self.cantilever, *self._strengths.values())
+        return [self._stress.across(values) for values in rows]
 
     def begin(self) -> None:
         """Reset the envelopes at the start of a run."""
-        dynamic = STRENGTHS.index("dynamic_tensile")
-        strength = None if self._strengths is None else self._strengths[:, dynamic]
+        strength = self._strengths.get("dynamic_tensile")
         self._envelopes = Envelopes(self.arch, self.cantilever, strength)
 
     def see(self, u: PETSc.Vec, time: float) -> None:
@@ -279,18 +273,20 @@ class StressEnvelopes:
         return [self._stress.across(column) for column in columns.T]
 
     def state_dict(self) -> Dealt:
-        """Return the state of the envelopes of all ranks (collective)."""
+        """Return the envelopes of all ranks, first ``ENVELOPE_NAMES`` (collective)."""
         return Dealt(self._stress.comm, self._envelopes.state)
 
     def values(self) -> dict[str, Array]:
         """Return the envelopes of all ranks by series of the stream ``envelopes``."""
-        series = dict(zip(ENVELOPE_NAMES, self._envelopes.columns.T, strict=True))
-        if self._envelopes.overstress_time is not None:
+        series: dict[str, Floats] = dict(
+            zip(ENVELOPE_NAMES, self._envelopes.columns.T, strict=True)
+        )
+        if self._strengths:
             series["overstress_time"] = self._envelopes.overstress_time
         return {name: self._stress.across(rows) for name, rows in series.items()}
 
     def load_state_dict(self, state: Floats, time: float) -> None:
-        """Restore the envelopes at this rank's vertices, last updated at a time [s]."""
+        """Restore the envelopes at this rank's vertices from ``state_dict`` at a time [s]."""
         self._envelopes.load_state(state, time)
 
 
@@ -321,17 +317,6 @@ def check_has_envelopes(model: Model) -> None:
             "Stress envelopes need an elastic body: stresses in plastic cells also depend on "
             "plastic strains."
         )
-
-
-def strengths_by_group(model: Model, given: Strengths | None) -> dict[str, Strength]:
-    """Return strengths by cell group, which is "" for the whole body; raise an error if invalid."""
-    by_group = dict(given) if isinstance(given, Mapping) else {"": given} if given else {}
-    for group, strength in by_group.items():
-        if not isinstance(strength, Strength):
-            raise ValueError(f"strength must be of type Strength or a dict of such, got {given!r}.")
-        if group:
-            model.jointed.cells(group)
-    return by_group
 
 
 def facets_of_groups(model: Model, nodes: NodeNumbering, groups: Sequence[str]) -> Ints:

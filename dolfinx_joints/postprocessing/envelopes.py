@@ -7,7 +7,6 @@ Stresses are rows (xx, yy, zz, xy, yz, xz) [Pa], tension positive.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -29,10 +28,10 @@ STAGE_STRESSES = {
     for name in ENVELOPE_NAMES
 }
 
-# Levels of the principal tension divided by the dynamic tensile strength (demand-capacity ratio),
-# for which the time of overstress is recorded, and names of the strengths of points in files.
-DCR_LEVELS: Floats = np.linspace(1.0, 2.0, 11)
+# Levels of the largest principal stress / dynamic tensile strength, for the time of overstress.
+LEVELS = np.linspace(1.0, 2.0, 11)
 STRENGTHS = ("tensile", "dynamic_tensile", "compressive")
+DYNAMIC_TENSILE = "envelopes/strength/dynamic_tensile"
 
 _STEEP = 0.9  # limit of |n_z|: facets within 26 degrees of the horizontal have no arch direction
 _SMOOTH = 0.8  # least ratio of largest eigenvalue and sum; 0.8 for two facets at 53 degrees
@@ -102,20 +101,18 @@ class Envelopes:
     Args:
         arch: Arch directions, shape (n, 3).
         cantilever: Cantilever directions, shape (n, 3).
-        strength: Dynamic tensile strength, NaN at points without strength, shape (n,), [Pa].
+        strength: Dynamic tensile strength, infinite if there is none, shape (n,), [Pa].
 
     Attributes:
-        overstress_time: Time for which the largest principal stress exceeds each of ``DCR_LEVELS``
-            times the strength, shape (n, levels), [s]; None without strengths. The stress is taken
-            to vary linearly between the times of `see`.
+        overstress_time: Time for which the largest principal stress exceeds each of ``LEVELS``
+            times the strength, shape (n, levels), [s]. The stress varies linearly between times.
     """
 
     def __init__(self, arch: Floats, cantilever: Floats, strength: Floats | None = None) -> None:
         self._arch, self._cantilever, self._strength = arch, cantilever, strength
-        self.overstress_time: Floats | None = None
-        if strength is not None:
-            self.overstress_time = np.zeros((len(arch), len(DCR_LEVELS)))
-        self._before: tuple[float, Floats] | None = None  # last time and ratio to the strength
+        self.overstress_time: Floats = np.zeros((len(arch), len(LEVELS)))
+        self._ratio: Floats = np.full(len(arch), np.nan)  # of stress and strength, at self._time
+        self._time = 0.0
         self._largest: Floats = np.full((3, len(arch)), -np.inf)
         self._smallest: Floats = np.full((3, len(arch)), np.inf)
 
@@ -129,16 +126,12 @@ class Envelopes:
             self._add_time(largest / self._strength, time)
 
     def _add_time(self, ratio: Floats, time: float) -> None:
-        assert self.overstress_time is not None
-        if self._before is not None:
-            start, before = self._before
-            low, high = np.minimum(before, ratio), np.maximum(before, ratio)
-            rows = np.flatnonzero(high > DCR_LEVELS[0])  # never at points without strength
-            width = np.maximum(high[rows] - low[rows], np.finfo(np.float64).tiny)
-            excess = high[rows, None] - DCR_LEVELS
-            share = np.minimum(np.maximum(excess, 0.0), width[:, None]) / width[:, None]
-            self.overstress_time[rows] += (time - start) * share
-        self._before = time, ratio
+        low, high = np.minimum(self._ratio, ratio), np.maximum(self._ratio, ratio)
+        rows = np.flatnonzero(high > LEVELS[0])  # False for NaN, at the first time
+        width = np.maximum(high - low, np.finfo(np.float64).tiny)[rows, None]
+        share = np.clip((high[rows, None] - LEVELS) / width, 0.0, 1.0)
+        self.overstress_time[rows] += (time - self._time) * share
+        self._ratio, self._time = ratio, time
 
     @property
     def columns(self) -> Floats:
@@ -148,36 +141,30 @@ class Envelopes:
 
     @property
     def state(self) -> Floats:
-        """Columns for a restart: ``columns``, ``overstress_time`` and the last ratio, (n, any)."""
-        if self.overstress_time is None or self._before is None:
-            return self.columns
-        return np.column_stack([self.columns, self.overstress_time, self._before[1]])
+        """Columns for a restart, shape (n, any)."""
+        over = () if self._strength is None else (self.overstress_time, self._ratio)
+        return np.column_stack([self.columns, *over])
 
     def load_state(self, state: Floats, time: float) -> None:
-        """Restore the envelopes from ``state`` at the time of the last `see` [s]."""
+        """Restore the envelopes from ``state`` at a time [s]."""
         both = state[:, :6].T.reshape(3, 2, -1)
         self._largest, self._smallest = both[:, 0].copy(), both[:, 1].copy()
-        if self.overstress_time is not None:
-            self.overstress_time = state[:, 6:-1].copy()
-            self._before = time, state[:, -1].copy()
+        if self._strength is not None:
+            self.overstress_time, self._ratio = state[:, 6:-1].copy(), state[:, -1].copy()
+            self._time = time
 
 
 def declare_directions(
-    writer: ResultsWriter,
-    nodes: Array,
-    arch: Array,
-    cantilever: Array,
-    strengths: Sequence[Array] = (),
+    writer: ResultsWriter, nodes: Array, arch: Array, cantilever: Array, *strengths: Array
 ) -> None:
-    """Write nodes of envelopes, rows of ``mesh/nodes`` (n,), directions and strengths, or NaN.
+    """Write the nodes of envelopes, rows of ``mesh/nodes`` (n,), and directions (n, 3) or NaN.
 
-    Directions have the shape (n, 3). Strengths (n,) are in the order of ``STRENGTHS``.
+    Strengths (n,) are in the order of ``STRENGTHS``, if there are any, and infinite outside the
+    cell groups with a strength.
     """
     writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
     writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")
     writer.static("envelopes/cantilever", cantilever, "-", "steepest direction in the surface")
-    if strengths:
-        writer.static("envelopes/levels", DCR_LEVELS, "-", "levels of overstress_time")
     for name, strength in zip(STRENGTHS, strengths, strict=bool(strengths)):
         text = f"{name.replace('_', ' ')} strength"
         writer.static(f"envelopes/strength/{name}", strength, "Pa", text)
@@ -185,7 +172,7 @@ def declare_directions(
 
 def has_strengths(results: Results) -> bool:
     """Return True if the file contains strengths."""
-    return f"envelopes/strength/{STRENGTHS[0]}" in results.statics
+    return DYNAMIC_TENSILE in results.statics
 
 
 def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> Floats:

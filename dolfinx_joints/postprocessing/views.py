@@ -32,7 +32,7 @@ from dolfinx_joints.postprocessing.body import (
     size_of,
     top,
 )
-from dolfinx_joints.postprocessing.envelopes import EnvelopeName
+from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE, EnvelopeName
 from dolfinx_joints.postprocessing.frames import nodal_displacement
 from dolfinx_joints.postprocessing.joints.surface import (
     MAP_LABELS,
@@ -73,7 +73,6 @@ Azimuths = Annotated[Sequence[float], at.Len(1, 8), at.Unit("degrees")]  # one p
 Elevation = Annotated[float, at.Interval(ge=-90.0, le=90.0), at.Unit("degrees")]
 
 _LINE = "#4d4d4d"
-_STRENGTH = "envelopes/strength/dynamic_tensile"
 _UPRIGHT = 0.7  # a joint is upright if the vertical component of its second axis exceeds this
 UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the viewpoint
 
@@ -241,10 +240,8 @@ def envelope(
 
     Nodes without a value, such as crest nodes for arch stresses, are grey. The run must have
     recorded the stream ``envelopes``. Cell ``groups`` such as ``["dam"]`` are drawn opaque and fill
-    the picture; colours and title refer to their values. The other cells are translucent.
-
-    If the file has strengths, a thick line in the picture of ``principal_max`` is the contour of
-    the dynamic tensile strength.
+    the picture; colours and title refer to their values. The other cells are translucent. If the
+    file has strengths, a thick line is where ``principal_max`` is the dynamic tensile strength.
     """
     body = Body(results, groups)
     cameras = body.cameras(azimuths_deg, elevation_deg)
@@ -258,15 +255,14 @@ def envelope(
     scene.surface(nodes, body.shown, nodal=values, **style, **MESH)
     levels = contour_levels(limits)
     scene.contours(nodes, body.shown, values, levels)
-    strength_name = ""
-    if name == "principal_max" and _STRENGTH in results.statics:
-        strength = np.full(len(nodes), np.nan)
-        strength[results.static("envelopes/nodes")] = 1e-6 * results.static(_STRENGTH)
-        scene.contours(nodes, body.shown, values / strength, [1.0], color=OPEN, line_width=8.0)
-        low_high = dict.fromkeys(
-            f"{end(strength[body.seen]):.2f}" for end in (np.nanmin, np.nanmax)
-        )
-        strength_name = f"\nthick line: dynamic tensile strength, {' to '.join(low_high)} MPa"
+    line = ""
+    if name == "principal_max" and DYNAMIC_TENSILE in results.statics:
+        strength = np.full(len(nodes), np.inf)
+        strength[results.static("envelopes/nodes")] = 1e-6 * results.static(DYNAMIC_TENSILE)
+        strength[np.isinf(strength)] = np.nan
+        scene.contours(nodes, body.shown, values / strength, [1.0], line_width=8.0)
+        ends = [f"{end(strength[body.seen]):.3g}" for end in (np.nanmin, np.nanmax)]
+        line = f"\nthick line: dynamic strength, {' to '.join(dict.fromkeys(ends))} MPa"
     scene.edges(nodes, body.shown, **OUTLINE)
     body.draw_translucent(scene, nodes)
     figure, axes = draw(scene, cameras)
@@ -274,7 +270,7 @@ def envelope(
     stress, end = name.split("_")
     where = "" if groups is None else f" of {', '.join(groups)}"
     title = f"{'largest' if end == 'max' else 'smallest'} {stress} stress{where}"
-    figure.suptitle(f"{title}: {low:.2f} to {high:.2f} MPa{strength_name}", fontsize="medium")
+    figure.suptitle(f"{title}: {low:.2f} to {high:.2f} MPa{line}", fontsize="medium")
     return figure
 
 

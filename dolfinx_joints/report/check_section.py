@@ -31,5 +31,4 @@ def _table(run: Run) -> Html:
         [row.criterion, row.where, row.value, row.limit, row.unit, row.met]
         for row in criteria.checks(run.results, **given)
     ]
-    head = [*criteria.HEAD[:-1], "limit met"]
-    return table(f"Checks with limits of {given['kind']} dams ({run.label})", head, rows)
+    return table(f"Checks, limits of {given['kind']} dams ({run.label})", criteria.HEAD, rows)

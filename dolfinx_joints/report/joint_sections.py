@@ -10,7 +10,6 @@ import numpy as np
 
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.joints.extremes import drawn_series, joint_extremes
-from dolfinx_joints.postprocessing.joints.surface import OVER_RUN
 from dolfinx_joints.report.page import (
     Curve,
     Html,
@@ -109,42 +108,28 @@ def _maps(content: Content, run: Run) -> list[Html]:
         return [paragraph(_PLANE)]
     time, moment = largest_moment(run)
     start = float(run.results.time("states")[0])
-    drawn: list[tuple[str, Any, float, str]] = [
+    each = "of each point over all steps"
+    drawn: list[tuple[str, Any, float | None, str]] = [
         ("static", "normal", start, "Normal traction in the static state"),
         ("normal", "normal", time, f"Normal traction at {moment}"),
-        *_largest(run),
+        ("opening", "largest_opening", None, f"Largest opening {each}"),
+        ("tangential_gap", "largest_slip", None, f"Largest slip {each}"),
         ("tangential", "tangential", time, f"Tangential traction at {moment}"),
         ("state", "state", time, f"State of the points at {moment}"),
     ]
     if "status" not in {n.split("/")[-1] for n in run.results.streams["states"]}:
         drawn.pop()
+    if not run.has("joint_maxima"):
+        drawn = [row for row in drawn if row[2] is not None]
     shown = []
     for name, quantity, at, words in drawn:
-        over_run = quantity in OVER_RUN
-        picture = plots.joint_maps(run.results, quantity, time=None if over_run else at)
-        recorded = run.results.time("states")[run.results.nearest("states", at)]
-        moment = "" if over_run else f" at t = {recorded:.3f} s"
-        shown.append(_map(content, name, picture, f"{words}, {run.label}{moment}."))
+        picture = plots.joint_maps(run.results, quantity, time=at)
+        words += f", {run.label}"
+        if at is not None:
+            recorded = run.results.time("states")[run.results.nearest("states", at)]
+            words += f" at t = {recorded:.3f} s"
+        shown.append(_map(content, name, picture, f"{words}."))
     return [*shown[:3], details("Further maps", shown[3:])]
-
-
-def _largest(run: Run) -> list[tuple[str, Any, float, str]]:
-    """Return the maps of opening and slip: over all steps, in older files at the nearest record."""
-    if run.has("joint_maxima"):
-        return [
-            (name, f"largest_{kind}", 0.0, f"Largest {kind} of each point over all steps")
-            for name, kind in (("opening", "opening"), ("tangential_gap", "slip"))
-        ]
-    measured = measures.joint_measures(run.results)
-    widest, farthest = (
-        max((f[f"{name}_max"], f[f"{name}_time"]) for f in measured.values())[1]
-        for name in ("opening", "slip")
-    )
-    nearest = "at the record closest to the"
-    return [
-        ("opening", "opening", widest, f"Opening, {nearest} largest opening"),
-        ("tangential_gap", "slip", farthest, f"Tangential gap, {nearest} largest slip"),
-    ]
 
 
 def _of_last_stage(content: Content) -> list[Html]:

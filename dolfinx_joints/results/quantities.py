@@ -187,15 +187,6 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("*/bond", "N", text=_BOND, rare=True, by="integral", of=lambda p: p.cohesion),
         Q("*/safety", "-", "sliding safety"),  # from the integrals, by `joint_extremes`
     ),
-    # Largest values over all steps, by joint point.
-    "joint_maxima": (
-        Q("*/opening", "m", "largest opening", "mm", of=lambda p: p.gap[..., 0]),
-        Q("*/slip", "m", "largest slip", "mm", of=lambda p: _size(p.slip)),
-        Q("*/pressure", "Pa", "largest pressure", "MPa", of=lambda p: p.pressure),
-        Q("*/tension", "Pa", "largest tension", "MPa", of=lambda p: p.traction[..., 0]),
-        Q("*/shear", "Pa", "largest tangential traction", "MPa", of=lambda p: p.shear),
-        Q("*/slid", "-", text="1 where a point slid in any step, zero elsewhere"),
-    ),
     "resultants": (
         Q("joints/*/force", "N", "effective force", text="effective force on the + side of {}"),
         Q("joints/*/moment", "N m", "moment about the centroid"),
@@ -298,6 +289,13 @@ def at_points(rows: Iterable[Quantity], points: JointPoints) -> Floats:
 
 
 ENERGY_TERMS = tuple(row.name for row in rows_below("energy") if not row.rare)
+# Largest values of each joint point over all steps.
+TABLE["joint_maxima"] = (
+    *rows_by("largest"),
+    Q("*/tension", "Pa", "largest tension", "MPa", of=lambda p: p.traction[..., 0]),
+    Q("*/shear", "Pa", "largest tangential traction", "MPa", of=lambda p: p.shear),
+    Q("*/slid", "-", text="1 where a point slid in any step, zero elsewhere"),
+)
 # Series of a joint that figures show. The measures include their largest values and times.
 JOINT_SERIES = tuple(row for row in rows_by("largest", "mean") if row.label)
 for _row in reversed(JOINT_SERIES):

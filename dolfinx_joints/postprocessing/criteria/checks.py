@@ -1,22 +1,30 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Table of the checks of a dam: criterion, place, value, limit, and whether the limit is met."""
+"""Table of the checks of a dam: criterion, place, value, limit, and whether the limit is met.
+
+Default limits are those of the linear criteria of USACE EM 1110-2-6053 (2007) and of Y. Ghanaat and
+A. Chudgar; check them against the edition that applies. Tension may be at most twice the dynamic
+tensile strength. The overstressed area may be 15 % of the section of a gravity dam, or 20 % of the
+surface of an arch dam. The time of overstress is limited by a line from 0.3 s (gravity dam) or
+0.4 s (arch dam) at a ratio of 1 to zero at 2.
+"""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import astuple, dataclass, replace
+from collections.abc import Collection, Iterator
+from dataclasses import astuple, dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-import annotated_types as at
 import numpy as np
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import check_kind_of, real
 from dolfinx_joints.postprocessing.body import Body
-from dolfinx_joints.postprocessing.criteria.demand import Demand, stress_demands
+from dolfinx_joints.postprocessing.envelopes import LEVELS, STAGE_STRESSES, has_strengths
 from dolfinx_joints.postprocessing.frames import usual_reference
 from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
 from dolfinx_joints.postprocessing.measures import displacement_history, joint_measures
@@ -24,61 +32,22 @@ from dolfinx_joints.results.arguments import COMPONENTS, check_results
 from dolfinx_joints.results.joint_points import free_areas
 from dolfinx_joints.results.reader import Results
 
-Positive = Annotated[float, at.Gt(0)]
-Share = Annotated[float, at.Interval(ge=0.0, le=1.0)]
-Metres = Annotated[float, at.Ge(0), at.Unit("m")]
-Seconds = Annotated[float, at.Gt(0), at.Unit("s")]
-
-HEAD = ("criterion", "where", "value", "limit", "unit", "met")
-# Criteria of stresses and their units, by attribute of `Limits`.
-_STRESSES = {
-    "static_tension": ("static tension / strength", "-"),
-    "static_compression": ("static compression / strength", "-"),
-    "tension": ("tension / dynamic strength", "-"),
-    "overstressed_area": ("overstressed area", "-"),
-    "overstress_time": ("time of overstress", "s"),
-    "compression": ("compression / strength", "-"),
+# By the name of the limit: criterion, unit, and limits of a gravity and an arch dam.
+CRITERIA: dict[str, tuple[str, str, float | None, float | None]] = {
+    "static_tension": ("static tension / static strength", "-", 1.0, 1.0),
+    "static_compression": ("static compression / strength", "-", 1.0, 1.0),
+    "tension": ("tension / dynamic strength", "-", 2.0, 2.0),
+    "compression": ("compression / strength", "-", 1.0, 1.0),
+    "overstressed_area": ("overstressed share of the area", "-", 0.15, 0.2),
+    "overstress_time": ("time of overstress", "s", 0.3, 0.4),
+    "sliding_safety": ("least sliding safety", "-", None, None),
+    "mean_slip": ("mean of the largest slip of each point", "m", None, None),
+    "slid_area": ("share of the area that slid", "-", None, None),
+    "residual_slip": ("residual slip", "m", None, None),
+    "drift": ("crest displacement / height", "-", None, None),
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-@checked
-class Limits:
-    """Limits of `checks`, by default of a gravity dam; None is no limit.
-
-    USACE EM 1110-2-6053 (2007) and Y. Ghanaat and A. Chudgar limit the ratio of tension to dynamic
-    tensile strength to 2, the overstressed area to 15 % of the section of a gravity dam or 20 % of
-    the surface of an arch dam, and the time of overstress to a line from 0.3 s (gravity) or 0.4 s
-    (arch) at a ratio of 1 to zero at 2. Check all limits against the edition that applies.
-
-    Attributes:
-        static_tension: Largest static tension / static tensile strength.
-        static_compression: Largest static compression / compressive strength.
-        tension: Largest tension / dynamic tensile strength.
-        compression: Largest compression / compressive strength.
-        overstressed_area: Share of the area with tension above the dynamic tensile strength.
-        overstress_time: Time above the dynamic tensile strength.
-        sliding_safety: Least sliding safety of a joint.
-        mean_slip: Mean over the area of a joint of the largest slip of each point.
-        slid_area: Share of the area of a joint that slid.
-        residual_slip: Largest residual slip of a joint.
-        drift: Horizontal displacement of the crest / its height.
-    """
-
-    static_tension: Positive | None = 1.0
-    static_compression: Positive | None = 1.0
-    tension: Positive | None = 2.0
-    compression: Positive | None = 1.0
-    overstressed_area: Share | None = 0.15
-    overstress_time: Seconds | None = 0.3
-    sliding_safety: Positive | None = None
-    mean_slip: Metres | None = None
-    slid_area: Share | None = None
-    residual_slip: Metres | None = None
-    drift: Positive | None = None
-
-
-LIMITS = {"gravity": Limits(), "arch": Limits(overstressed_area=0.2, overstress_time=0.4)}
+Found = tuple[str, str, float, float | None]  # name, place, value, limit if the place sets it
+HEAD = ("criterion", "where", "value", "limit", "unit", "limit met")
 
 
 @dataclass(frozen=True)
@@ -90,7 +59,6 @@ class Check:
     value: float
     limit: float | None
     unit: str
-    at_least: bool = False
 
     @property
     def met(self) -> Literal["yes", "no", "no limit", "not recorded"]:
@@ -99,7 +67,8 @@ class Check:
             return "not recorded"
         if self.limit is None:
             return "no limit"
-        is_met = self.value >= self.limit if self.at_least else self.value <= self.limit
+        is_safety = self.criterion == CRITERIA["sliding_safety"][0]
+        is_met = self.value >= self.limit if is_safety else self.value <= self.limit
         return "yes" if is_met else "no"
 
 
@@ -112,8 +81,7 @@ class Checks(tuple[Check, ...]):
         table = [HEAD]
         for row in self:
             value = "" if np.isnan(row.value) else f"{row.value:.4g}"
-            sign = ">=" if row.at_least else "<="
-            limit = "" if row.limit is None else f"{sign} {row.limit:.4g}"
+            limit = "" if row.limit is None else f"{row.limit:.4g}"
             table.append((row.criterion, row.where, value, limit, row.unit, row.met))
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in table)
@@ -121,9 +89,7 @@ class Checks(tuple[Check, ...]):
     def write_csv(self, path: str | PathLike[str]) -> None:
         """Write the table to a CSV file."""
         with Path(path).open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow([*HEAD[:-1], "at least", "met"])
-            writer.writerows([*astuple(row), row.met] for row in self)
+            csv.writer(file).writerows([HEAD, *([*astuple(row), row.met] for row in self)])
 
 
 @checked
@@ -137,72 +103,146 @@ def checks(
 ) -> Checks:
     """Compare stresses, joints and crest of a run with limits.
 
-    A row without recorded values or without a limit is not judged. Stresses need
+    A row without a recorded value or without a limit is not judged. Stresses need
     ``ResultsMonitor(envelopes=..., strength=...)``. In 3-D record the faces of the dam, such as
     ``envelopes=["upstream", "downstream"]``: the overstressed area is a share of them.
 
     Args:
         results: The run.
-        kind: Kind of the dam, for the default limits.
+        kind: Kind of the dam, for the default limits of `CRITERIA`.
         groups: Cell groups whose stresses are compared; all by default.
-        crest: Monitor point whose drift from the static state is compared. Its height is counted
-            from the lowest node of the groups.
-        limits: Attributes of `Limits` that replace the default limits.
+        crest: Monitor point whose largest horizontal displacement from the static state is compared
+            with its height above the lowest node of the groups.
+        limits: Limits by the names of `CRITERIA`, in SI units; None for no limit. The sliding
+            safety has a lower limit. The limit of ``overstress_time`` is that at a ratio of 1.
     """
     check_results(results)
-    allowed = replace(LIMITS[kind], **limits)
-    rows = list(_stresses(results, groups, allowed))
+    for name, limit in limits.items():
+        fits = name in CRITERIA and (limit is None or real(limit) >= 0.0)
+        check_kind_of(name, limit, fits, f"a limit of zero or more of {', '.join(CRITERIA)}")
+    allowed = {name: row[2 if kind == "gravity" else 3] for name, row in CRITERIA.items()} | limits
+    found: list[Found] = [_drift(results, groups, crest)]
     measures = joint_measures(results) if "states" in results.streams else {}
-    for joint in results.joints:
-        rows += _joint(results, joint, measures.get(joint), allowed)
-    return Checks([*rows, _drift(results, groups, crest, allowed.drift)])
+    for joint, measured in measures.items():
+        found += _sliding(results, joint, measured["slip_residual"])
+    if has_strengths(results):
+        found += _Stresses(results, groups).demands(allowed["overstress_time"])
+    rows = []
+    for name, (criterion, unit, *_) in CRITERIA.items():
+        missing: Found = (name, "", np.nan, None)
+        for _, where, value, limit in [row for row in found if row[0] == name] or [missing]:
+            limit = allowed[name] if limit is None else limit
+            rows.append(Check(criterion, where, float(value), limit, unit))
+    return Checks(rows)
 
 
-def _stresses(results: Results, groups: Collection[str] | None, limits: Limits) -> Iterator[Check]:
-    """Yield the checks of stresses."""
-    demands = stress_demands(results, groups, limits.overstress_time)
-    missing = Demand(np.nan, "" if demands else "no strength in the file")
-    for name, (criterion, unit) in _STRESSES.items():
-        value, where, limit = demands.get(name, missing)
-        yield Check(
-            criterion, where, value, getattr(limits, name) if limit is None else limit, unit
-        )
-
-
-def _joint(
-    results: Results, joint: str, measures: Mapping[str, float] | None, limits: Limits
-) -> Iterator[Check]:
-    """Yield the checks of a joint; ``measures`` are None without recorded states."""
-    safety, where, slip, share, residual = np.nan, joint, np.nan, np.nan, np.nan
-    if measures is not None:
-        extremes, residual = joint_extremes(results, joint), measures["slip_residual"]
-        if not np.isnan(extremes.safety).all():
-            row = np.nanargmin(extremes.safety)
-            safety, where = extremes.safety[row], f"{joint} at t = {extremes.time[row]:.3f} s"
+def _sliding(results: Results, joint: str, residual_slip: float) -> Iterator[Found]:
+    """Yield the values of a joint."""
+    extremes = joint_extremes(results, joint)
+    if not np.isnan(extremes.safety).all():
+        row = np.nanargmin(extremes.safety)
+        where = f"{joint} at t = {extremes.time[row]:.3f} s"
+        yield "sliding_safety", where, extremes.safety[row], None
     if "joint_maxima" in results.streams and results.rows("joint_maxima"):
         areas = free_areas(results, joint)
-        names = (f"{joint}/slip", f"{joint}/slid")
-        maxima = [results.series("joint_maxima", name, -1) for name in names]
-        slip, share = np.array(maxima) @ areas / areas.sum()
-    yield Check("sliding safety", where, float(safety), limits.sliding_safety, "-", at_least=True)
-    yield Check("mean of the largest slip", joint, float(slip), limits.mean_slip, "m")
-    yield Check("share of the area that slid", joint, float(share), limits.slid_area, "-")
-    yield Check("residual slip", joint, residual, limits.residual_slip, "m")
+        for name, series in (("mean_slip", "slip"), ("slid_area", "slid")):
+            values = results.series("joint_maxima", f"{joint}/{series}", -1)
+            yield name, joint, values @ areas / areas.sum(), None
+    yield "residual_slip", joint, residual_slip, None
 
 
-def _drift(
-    results: Results, groups: Collection[str] | None, crest: str | None, limit: float | None
-) -> Check:
-    """Return the check of the crest's largest horizontal displacement from the static state."""
+def _drift(results: Results, groups: Collection[str] | None, crest: str | None) -> Found:
+    """Return the drift of the crest, relative to the ground."""
     reference = usual_reference(results)
-    where, value = "no crest point given" if crest is None else crest, np.nan
-    # Supports that move differently give absolute displacements, without a reference.
-    if crest is not None and "histories" in results.streams and (reference or results.relative):
-        body, point = Body(results, groups), results.point_index(crest)
-        up = 1 if body.plane else 2
-        bottom = body.nodes[body.seen, up].min()
-        height = float(results.static("histories/points")[point, up] - bottom)
-        moved = [displacement_history(results, crest, x, reference)[1] for x in COMPONENTS[:up]]
-        value = float(np.linalg.norm(moved, axis=0).max()) / height
-        where = f"{crest}, height {height:.4g} m"
-    return Check("crest displacement / height", where, value, limit, "-")
+    if crest is None:
+        return "drift", "no crest point given", np.nan, None
+    if "histories" not in results.streams or not (reference or results.relative):
+        return "drift", f"{crest}, no displacement relative to the ground", np.nan, None
+    body, point = Body(results, groups), results.point_index(crest)
+    up = 1 if body.plane else 2
+    height = results.static("histories/points")[point, up] - body.nodes[body.seen, up].min()
+    moved = [displacement_history(results, crest, x, reference)[1] for x in COMPONENTS[:up]]
+    largest = np.linalg.norm(moved, axis=0).max()
+    return "drift", f"{crest}, height {height:.4g} m", largest / height, None
+
+
+class _Stresses:
+    """Stresses divided by strengths at the vertices of cell groups that have a strength."""
+
+    def __init__(self, results: Results, groups: Collection[str] | None) -> None:
+        self._results, self._body = results, Body(results, groups)
+        nodes, is_strong = results.static("envelopes/nodes"), np.isfinite(self._strength("tensile"))
+        self._rows = np.flatnonzero(is_strong & np.isin(nodes, self._body.seen))
+        self._nodes = nodes[self._rows]
+        if not len(self._rows):
+            raise ValueError(f"{results.path} has no stresses at vertices with a strength.")
+
+    def demands(self, time_limit: float | None) -> Iterator[Found]:
+        """Yield the recorded values; ``time_limit`` is that of the time of overstress [s]."""
+        results, statics = self._results, self._results.streams.get("statics", ())
+        largest, smallest = "principal_max", "principal_min"
+        if STAGE_STRESSES[largest] in statics:
+            yield self._worst("static_tension", "statics", STAGE_STRESSES[largest], "tensile")
+            compression = STAGE_STRESSES[smallest]
+            yield self._worst("static_compression", "statics", compression, "compressive")
+        if "envelopes" in results.streams and results.rows("envelopes"):
+            yield self._worst("tension", "envelopes", largest, "dynamic_tensile")
+            yield self._worst("compression", "envelopes", smallest, "compressive")
+            yield self._area()
+            yield self._time(time_limit)
+
+    def _strength(self, name: str) -> Floats:
+        return self._results.static(f"envelopes/strength/{name}")
+
+    def _ratios(self, stream: str, series: str, strength: str) -> Floats:
+        """Return stress / strength of all records of a series, shape (records, n)."""
+        stress = self._results.series(stream, series) / self._strength(strength)
+        return (-stress if strength == "compressive" else stress)[:, self._rows]
+
+    def _worst(self, name: str, stream: str, series: str, strength: str) -> Found:
+        """Return the largest ratio of a series."""
+        ratios = self._ratios(stream, series, strength)
+        record, row = map(int, np.unravel_index(ratios.argmax(), ratios.shape))
+        stage = f"after {self._results.stage_names[record]}, " if stream == "statics" else ""
+        return name, stage + self._place(row), ratios.max(), None
+
+    def _area(self) -> Found:
+        """Return the share of the recorded surface without joints, in 2-D of the cells.
+
+        The area of each facet or cell is divided equally among its vertices.
+        """
+        faces, nodes = self._body.shown, self._body.nodes
+        faces = faces[np.isin(faces, self._nodes).all(axis=1)]
+        corners = nodes[faces]
+        cross = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
+        share = 0.5 * np.linalg.norm(cross, axis=1) / faces.shape[1]
+        area = np.bincount(faces.ravel(), np.repeat(share, faces.shape[1]), len(nodes))
+        ratios = self._ratios("envelopes", "principal_max", "dynamic_tensile")[-1]
+        over = area[self._nodes[ratios > 1.0]].sum() / area.sum()
+        return "overstressed_area", f"of {area.sum():.4g} m²", over, None
+
+    def _time(self, limit: float | None) -> Found:
+        """Return the time of overstress where it is largest relative to its limit.
+
+        The limit falls linearly from ``limit`` at level 1 to zero at level 2. Without a limit the
+        longest time at level 1 is returned.
+        """
+        levels = LEVELS if limit else LEVELS[:1]
+        time = self._results.series("envelopes", "overstress_time", -1)[self._rows, : len(levels)]
+        limits = (limit or 1.0) * (2.0 - levels)
+        with np.errstate(divide="ignore"):
+            ratio = np.divide(time, limits, out=np.zeros_like(time), where=time > 0.0)
+        row, level = map(int, np.unravel_index(ratio.argmax(), ratio.shape))
+        where = f"above {levels[level]:.1f} x strength, {self._place(row)}"
+        allowed = float(limits[level]) if limit else None
+        return "overstress_time", where, time[row, level], allowed
+
+    def _place(self, row: int) -> str:
+        """Return the cell groups and the coordinates of a vertex."""
+        node, results = self._nodes[row], self._results
+        cells, names = results.static("mesh/cells"), results.statics
+        kept = [
+            n for n in names if n.startswith("mesh/groups/") and node in cells[results.static(n)]
+        ]
+        place = ", ".join(f"{x + 0.0:.4g}" for x in self._body.nodes[node])
+        return f"{' and '.join(n.split('/', 2)[2] for n in kept)} ({place}) m".strip()

@@ -57,10 +57,8 @@ def joint_maps(
 
     The state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or the
     static ``stage`` of this name or number. In maps of tractions open points are black. The slip is
-    the tangential gap. Tied points, at the end of a joint inside a body, are hatched.
-
-    Quantities ``largest_...`` are the largest values of each point over all steps of the run, the
-    slip since the first record. No state is given with them.
+    the tangential gap. Tied points, at the end of a joint inside a body, are hatched. Quantities
+    ``largest_...`` are the largest values of each point over all steps, without a state.
     """
     results, number, moment = state_of_map(results, quantity, time, index, stage)
     names = results.joints if joints is None else list(joints)

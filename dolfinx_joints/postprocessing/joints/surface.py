@@ -5,39 +5,29 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from dolfinx_joints.common.arrays import Floats, Ints
-from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.joints.extremes import open_points
 from dolfinx_joints.postprocessing.joints.unrolled import Unrolled, tangent_axes, unrolled
 from dolfinx_joints.postprocessing.palette import OPEN, colour_limits, colours, signed_colours
 from dolfinx_joints.results.arguments import chosen_state
 from dolfinx_joints.results.joint_points import Statics, gaps, tied_points
-from dolfinx_joints.results.quantities import rows_below
+from dolfinx_joints.results.quantities import TABLE
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
     from matplotlib.colors import ListedColormap
 
 Quantity = Literal["normal", "tangential", "ratio"]
-MapQuantity = Literal[
-    "normal",
-    "tangential",
-    "ratio",
-    "opening",
-    "slip",
-    "state",
-    "largest_opening",
-    "largest_slip",
-    "largest_pressure",
-    "largest_tension",
-    "largest_shear",
+Largest = Literal[
+    "largest_opening", "largest_slip", "largest_pressure", "largest_tension", "largest_shear"
 ]
-# Rows of the stream ``joint_maxima`` by quantity: values over all steps, not of one state.
-OVER_RUN = {f"largest_{row.key}": row for row in rows_below("joint_maxima", "*/") if row.label}
+MapQuantity = Literal[Quantity, "opening", "slip", "state", Largest]
+# Rows of the stream ``joint_maxima`` by quantity.
+OVER_RUN = {f"largest_{row.key}": row for row in TABLE["joint_maxima"] if row.label}
 
 LABELS = {
     "normal": r"normal traction $t_n$ [MPa], tension $> 0$",
@@ -294,26 +284,15 @@ def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
     return pairs[np.stack([inside, crosses], axis=1).ravel()]
 
 
-def state_of_map(
-    results: Results,
-    quantity: MapQuantity,
-    time: float | None,
-    index: int,
-    stage: int | str | None,
-) -> tuple[Results, int, str]:
-    """Return the results, the record and its time in words, as `chosen_state` does.
+def state_of_map(results: Results, quantity: MapQuantity, *state: Any) -> tuple[Results, int, str]:
+    """Return results, record and time in words of a map; ``state`` is as in `chosen_state`.
 
-    A quantity of the whole run has one record, so that ``time``, ``index`` and ``stage`` must not
-    be given.
+    Quantities of the whole run have one record; ``state`` must have its default values.
     """
     if quantity not in OVER_RUN:
-        return chosen_state(results, time, index, stage)
-    if (time, index, stage) != (None, -1, None):
+        return chosen_state(results, *state)
+    if state != (None, -1, None):
         raise ValueError(f"{quantity!r} is of all steps: do not give time, index or stage.")
-    if "joint_maxima" not in results.streams or not results.rows("joint_maxima"):
-        raise ResultsError(
-            f"{results.path} has no largest values of joint points; a run writes them as it ends."
-        )
     return results, -1, "over the run"
 
 

@@ -174,7 +174,9 @@ class SurfaceStress:
         Names are those in ``STRENGTHS``. A strength is infinite if no cell at the vertex is in a
         group. The group "" is the whole body.
         """
-        lowest = {name: np.full(len(self.nodes), np.inf) for name in STRENGTHS if by_group}
+        lowest: dict[str, Floats] = {}
+        for name in STRENGTHS if by_group else ():
+            lowest[name] = np.full(len(self.nodes), np.inf)
         for group, strength in by_group.items():
             cells = model.jointed.cells(group) if group else np.arange(len(self._place))
             numbers = self._place[cells[cells < len(self._place)]]

@@ -202,7 +202,7 @@ class _Stresses:
     def _worst(self, name: str, stream: str, series: str, strength: str) -> Found:
         """Return the largest ratio of a series."""
         ratios = self._ratios(stream, series, strength)
-        record, row = map(int, np.unravel_index(ratios.argmax(), ratios.shape))
+        record, row = _first_largest(ratios)
         stage = f"after {self._results.stage_names[record]}, " if stream == "statics" else ""
         return name, stage + self._place(row), ratios.max(), None
 
@@ -232,7 +232,7 @@ class _Stresses:
         limits = (limit or 1.0) * (2.0 - levels)
         with np.errstate(divide="ignore"):
             ratio = np.divide(time, limits, out=np.zeros_like(time), where=time > 0.0)
-        row, level = map(int, np.unravel_index(ratio.argmax(), ratio.shape))
+        row, level = _first_largest(ratio)
         where = f"above {levels[level]:.1f} x strength, {self._place(row)}"
         allowed = float(limits[level]) if limit else None
         return "overstress_time", where, time[row, level], allowed
@@ -246,3 +246,11 @@ class _Stresses:
         ]
         place = ", ".join(f"{x + 0.0:.4g}" for x in self._body.nodes[node])
         return f"{' and '.join(n.split('/', 2)[2] for n in kept)} ({place}) m".strip()
+
+
+def _first_largest(values: Floats) -> tuple[int, int]:
+    """Return row and column of the first value that is the largest one but for rounding errors."""
+    row, column = np.unravel_index(
+        np.isclose(values, values.max(), rtol=1e-9, atol=0.0).argmax(), values.shape
+    )
+    return int(row), int(column)

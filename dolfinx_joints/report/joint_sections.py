@@ -108,19 +108,16 @@ def _maps(content: Content, run: Run) -> list[Html]:
         return [paragraph(_PLANE)]
     time, moment = largest_moment(run)
     start = float(run.results.time("states")[0])
-    each = "of each point over all steps"
     drawn: list[tuple[str, Any, float | None, str]] = [
         ("static", "normal", start, "Normal traction in the static state"),
         ("normal", "normal", time, f"Normal traction at {moment}"),
-        ("opening", "largest_opening", None, f"Largest opening {each}"),
-        ("tangential_gap", "largest_slip", None, f"Largest slip {each}"),
+        _largest(run, "opening", "opening"),
+        _largest(run, "slip", "tangential_gap"),
         ("tangential", "tangential", time, f"Tangential traction at {moment}"),
         ("state", "state", time, f"State of the points at {moment}"),
     ]
     if "status" not in {n.split("/")[-1] for n in run.results.streams["states"]}:
         drawn.pop()
-    if not run.has("joint_maxima"):
-        drawn = [row for row in drawn if row[2] is not None]
     shown = []
     for name, quantity, at, words in drawn:
         picture = plots.joint_maps(run.results, quantity, time=at)
@@ -130,6 +127,15 @@ def _maps(content: Content, run: Run) -> list[Html]:
             words += f" at t = {recorded:.3f} s"
         shown.append(_map(content, name, picture, f"{words}."))
     return [*shown[:3], details("Further maps", shown[3:])]
+
+
+def _largest(run: Run, kind: str, name: str) -> tuple[str, Any, float | None, str]:
+    """Return the map of opening or slip over all steps, or at a record if the run has not ended."""
+    if run.has("joint_maxima"):
+        return name, f"largest_{kind}", None, f"Largest {kind} of each point over all steps"
+    measured = measures.joint_measures(run.results).values()
+    time = max((joint[f"{kind}_max"], joint[f"{kind}_time"]) for joint in measured)[1]
+    return name, kind, time, f"{kind.capitalize()} at the record closest to the largest {kind}"
 
 
 def _of_last_stage(content: Content) -> list[Html]:

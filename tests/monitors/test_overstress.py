@@ -25,7 +25,7 @@ from dolfinx_joints.postprocessing.envelopes import LEVELS, Envelopes
 pytestmark = pytest.mark.mpi
 
 CONCRETE = dj.Elastic(young=25e9, poisson=0.2, density=2400.0)
-CHANGE, EXPANSION, PERIOD, DT = 10.0, 1e-5, 0.8, 0.002
+CHANGE, EXPANSION, PERIOD, DT = 10.0, 1e-5, 0.8, 0.01
 PEAK = (3 * CONCRETE.first_lame("strain") + 2 * CONCRETE.shear_modulus) * EXPANSION * CHANGE
 DCR = 1.65  # largest ratio of tension to dynamic tensile strength in the lower part
 STRENGTH = dj.Strength(tensile=PEAK / (1.5 * DCR), compressive=1.25 * PEAK)
@@ -113,7 +113,9 @@ def test_time_above_each_level_is_that_of_a_sine(comm, new_path):
             assert of_upper["overstressed share of the area"].limit == 0.2
             none = {r.criterion: r for r in dj.checks(results, "arch", overstress_time=None)}
             assert none["time of overstress"].met == "no limit"
-            assert none["time of overstress"].value == pytest.approx(time_above(1.0), abs=1e-5)
+            assert none["time of overstress"].value == pytest.approx(
+                time_above(1.0), abs=bound.max()
+            )
             with pytest.raises(ValueError, match="tensoin is 1; it must be a limit"):
                 dj.checks(results, "arch", tensoin=1)
 
@@ -122,21 +124,21 @@ def test_time_above_each_level_is_that_of_a_sine(comm, new_path):
 
 def test_continued_run_has_the_same_times(comm, new_path):
     whole, resumed, kept = new_path("whole.h5"), new_path("resumed.h5"), new_path("run.ckpt")
-    run(whole, STRENGTH, 120)
-    checkpoint = dj.Checkpoints(kept, every=50)
+    run(whole, STRENGTH, 24)
+    checkpoint = dj.Checkpoints(kept, every=10)
     with pytest.raises(Killed):
-        run(resumed, STRENGTH, 120, kill=77, checkpoint=checkpoint)
-    run(resumed, STRENGTH, 120, checkpoint=replace(checkpoint, resume=True))
+        run(resumed, STRENGTH, 24, kill=17, checkpoint=checkpoint)
+    run(resumed, STRENGTH, 24, checkpoint=replace(checkpoint, resume=True))
 
     def look():
         with dj.Results(whole) as one, dj.Results(resumed) as two:
             time = one.series("envelopes", "overstress_time", -1)
-            assert time.max() > 0.1
+            assert time.max() > 5 * DT
             np.testing.assert_array_equal(two.series("envelopes", "overstress_time", -1), time)
 
     on_root(comm, look)
     with pytest.raises(dj.JointsError, match="recorded with strength="):
-        run(resumed, None, 120, checkpoint=replace(checkpoint, resume=True))
+        run(resumed, None, 24, checkpoint=replace(checkpoint, resume=True))
 
 
 def test_a_run_without_strength_says_so(comm, new_path):

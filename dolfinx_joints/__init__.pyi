@@ -65,7 +65,6 @@ from .loads.water.reservoir_waves import ReservoirWaves as ReservoirWaves
 from .materials.drucker_prager import DruckerPrager as DruckerPrager
 from .materials.elastic import Elastic as Elastic
 from .materials.orthotropic import Orthotropic as Orthotropic
-from .materials.strength import Strength as Strength
 from .mesh.distribution.split_file import read_split as read_split
 from .mesh.distribution.split_file import write_split as write_split
 from .mesh.joint_surface import JointSurface as JointSurface
@@ -104,6 +103,7 @@ from .postprocessing import plots as plots
 from .postprocessing import views as views
 from .postprocessing.animation import animate as animate
 from .postprocessing.criteria.checks import checks as checks
+from .postprocessing.envelopes import Strength as Strength
 from .results.reader import Results as Results
 from .simulation.checkpoint import Checkpoints as Checkpoints
 from .simulation.first_state import InitialFields as InitialFields

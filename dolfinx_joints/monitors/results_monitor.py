@@ -17,7 +17,6 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, MeshError, OtherRunError, warn
 from dolfinx_joints.common.mpi import handing_out, raised_together
 from dolfinx_joints.common.parameters import check_kind_of
-from dolfinx_joints.materials.strength import Strength
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.resolution import resolution
@@ -29,7 +28,7 @@ from dolfinx_joints.monitors.probes import PointProbe, Probe, check_points
 from dolfinx_joints.monitors.resultants import ResultantsStream, strengths
 from dolfinx_joints.monitors.step_series import STATIC_PART, StepSeries
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, check_has_envelopes
-from dolfinx_joints.postprocessing.envelopes import declare_directions
+from dolfinx_joints.postprocessing.envelopes import Strength, declare_directions
 from dolfinx_joints.results.layout import declare, declare_body, declare_points, stage_bytes
 from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE
 from dolfinx_joints.results.writer import ResultsWriter, check_storable, contains_only_statics

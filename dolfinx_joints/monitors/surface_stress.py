@@ -30,7 +30,6 @@ from dolfinx_joints.common.mpi import (
     sent_to,
 )
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
-from dolfinx_joints.materials.strength import Strength
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import boundary_facets
@@ -38,6 +37,7 @@ from dolfinx_joints.postprocessing.envelopes import (
     ENVELOPE_NAMES,
     STRENGTHS,
     Envelopes,
+    Strength,
     face_directions,
     stage_stresses,
 )
@@ -174,9 +174,8 @@ class SurfaceStress:
         Names are those in ``STRENGTHS``. A strength is infinite if no cell at the vertex is in a
         group. The group "" is the whole body.
         """
-        lowest: dict[str, Floats] = {}
-        for name in STRENGTHS if by_group else ():
-            lowest[name] = np.full(len(self.nodes), np.inf)
+        everywhere: Floats = np.full(len(self.nodes), np.inf)
+        lowest = {name: everywhere.copy() for name in STRENGTHS if by_group}
         for group, strength in by_group.items():
             cells = model.jointed.cells(group) if group else np.arange(len(self._place))
             numbers = self._place[cells[cells < len(self._place)]]
@@ -280,12 +279,9 @@ class StressEnvelopes:
 
     def values(self) -> dict[str, Array]:
         """Return the envelopes of all ranks by series of the stream ``envelopes``."""
-        series: dict[str, Floats] = dict(
-            zip(ENVELOPE_NAMES, self._envelopes.columns.T, strict=True)
-        )
-        if self._strengths:
-            series["overstress_time"] = self._envelopes.overstress_time
-        return {name: self._stress.across(rows) for name, rows in series.items()}
+        seen, names = self._envelopes, (*ENVELOPE_NAMES, "overstress_time")
+        series = (*seen.columns.T, *([seen.overstress_time] if self._strengths else ()))
+        return {n: self._stress.across(v) for n, v in zip(names, series, strict=False)}
 
     def load_state_dict(self, state: Floats, time: float) -> None:
         """Restore the envelopes at this rank's vertices from ``state_dict`` at a time [s]."""

@@ -7,14 +7,16 @@ Stresses are rows (xx, yy, zz, xy, yz, xz) [Pa], tension positive.
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from dataclasses import dataclass
+from typing import Annotated, Literal, get_args
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dolfinx_joints.common.arrays import Floats
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.results.layout import Array
-from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 EnvelopeName = Literal[
@@ -95,6 +97,30 @@ def face_directions(nodes: ArrayLike, facets: ArrayLike) -> tuple[Floats, Floats
     return arch, cantilever / np.linalg.norm(cantilever, axis=1, keepdims=True)
 
 
+@dataclass(frozen=True, kw_only=True)
+@checked
+class Strength:
+    """Strength of concrete, for `checks`; it does not affect a run.
+
+    The default factor is that of J. M. Raphael, Tensile strength of concrete, ACI Journal 81
+    (1984), 158-165. Check it against the standard that applies.
+
+    Attributes:
+        tensile: Static tensile strength.
+        compressive: Compressive strength, in statics and dynamics.
+        dynamic_factor: Dynamic tensile strength / static tensile strength.
+    """
+
+    tensile: Annotated[float, at.Gt(0), at.Unit("Pa")]
+    compressive: Annotated[float, at.Gt(0), at.Unit("Pa")]
+    dynamic_factor: Annotated[float, at.Ge(1)] = 1.5
+
+    @property
+    def dynamic_tensile(self) -> float:
+        """Dynamic tensile strength [Pa]."""
+        return self.dynamic_factor * self.tensile
+
+
 class Envelopes:
     """Largest and smallest stresses over time at points of a surface.
 
@@ -159,8 +185,7 @@ def declare_directions(
 ) -> None:
     """Write the nodes of envelopes, rows of ``mesh/nodes`` (n,), and directions (n, 3) or NaN.
 
-    Strengths (n,) are in the order of ``STRENGTHS``, if there are any, and infinite outside the
-    cell groups with a strength.
+    Strengths (n,) are in the order of ``STRENGTHS``, infinite in cells without a strength.
     """
     writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
     writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")
@@ -168,11 +193,6 @@ def declare_directions(
     for name, strength in zip(STRENGTHS, strengths, strict=bool(strengths)):
         text = f"{name.replace('_', ' ')} strength"
         writer.static(f"envelopes/strength/{name}", strength, "Pa", text)
-
-
-def has_strengths(results: Results) -> bool:
-    """Return True if the file contains strengths."""
-    return DYNAMIC_TENSILE in results.statics
 
 
 def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> Floats:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dolfinx_joints.postprocessing.criteria import checks as criteria
-from dolfinx_joints.postprocessing.envelopes import has_strengths
+from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE
 from dolfinx_joints.report.page import Html, Section, paragraph, table
 from dolfinx_joints.report.runs import Content, Run, nothing
 
@@ -18,7 +18,8 @@ _NOTE = (
 
 def checks(content: Content) -> Section:
     """Return the section with a table for each run with strengths or arguments of `checks`."""
-    runs = [r for r in content.runs if has_strengths(r.results) or "checks" in r.results.metadata]
+    files = ((run, run.results) for run in content.runs)
+    runs = [run for run, r in files if DYNAMIC_TENSILE in r.statics or "checks" in r.metadata]
     if not runs:
         return nothing("checks", "Checks", "strengths and no limits")
     return Section("checks", "Checks", [*map(_table, runs), paragraph(_NOTE, "note")])

@@ -24,7 +24,7 @@ from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import check_kind_of, real
 from dolfinx_joints.postprocessing.body import Body
-from dolfinx_joints.postprocessing.envelopes import LEVELS, STAGE_STRESSES, has_strengths
+from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE, LEVELS, STAGE_STRESSES
 from dolfinx_joints.postprocessing.frames import usual_reference
 from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
 from dolfinx_joints.postprocessing.measures import displacement_history, joint_measures
@@ -125,7 +125,7 @@ def checks(
     measures = joint_measures(results) if "states" in results.streams else {}
     for joint, measured in measures.items():
         found += _sliding(results, joint, measured["slip_residual"])
-    if has_strengths(results):
+    if DYNAMIC_TENSILE in results.statics:
         found += _Stresses(results, groups).demands(allowed["overstress_time"])
     rows = []
     for name, (criterion, unit, *_) in CRITERIA.items():
@@ -138,16 +138,16 @@ def checks(
 
 def _sliding(results: Results, joint: str, residual_slip: float) -> Iterator[Found]:
     """Yield the values of a joint."""
-    extremes = joint_extremes(results, joint)
-    if not np.isnan(extremes.safety).all():
-        row = np.nanargmin(extremes.safety)
-        where = f"{joint} at t = {extremes.time[row]:.3f} s"
-        yield "sliding_safety", where, extremes.safety[row], None
-    if "joint_maxima" in results.streams and results.rows("joint_maxima"):
-        areas = free_areas(results, joint)
-        for name, series in (("mean_slip", "slip"), ("slid_area", "slid")):
+    extremes, areas = joint_extremes(results, joint), free_areas(results, joint)
+    row = np.where(np.isnan(extremes.safety), np.inf, extremes.safety).argmin()
+    where = f"{joint} at t = {extremes.time[row]:.3f} s"
+    yield "sliding_safety", where, extremes.safety[row], None
+    is_recorded = "joint_maxima" in results.streams and results.rows("joint_maxima")
+    for name, series in (("mean_slip", "slip"), ("slid_area", "slid")):
+        values = np.full(len(areas), np.nan)
+        if is_recorded:
             values = results.series("joint_maxima", f"{joint}/{series}", -1)
-            yield name, joint, values @ areas / areas.sum(), None
+        yield name, joint, values @ areas / areas.sum(), None
     yield "residual_slip", joint, residual_slip, None
 
 

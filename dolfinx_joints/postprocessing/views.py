@@ -241,7 +241,7 @@ def envelope(
     Nodes without a value, such as crest nodes for arch stresses, are grey. The run must have
     recorded the stream ``envelopes``. Cell ``groups`` such as ``["dam"]`` are drawn opaque and fill
     the picture; colours and title refer to their values. The other cells are translucent. If the
-    file has strengths, a thick line is where ``principal_max`` is the dynamic tensile strength.
+    file has strengths, a green line is where ``principal_max`` is the dynamic tensile strength.
     """
     body = Body(results, groups)
     cameras = body.cameras(azimuths_deg, elevation_deg)
@@ -260,9 +260,9 @@ def envelope(
         strength = np.full(len(nodes), np.inf)
         strength[results.static("envelopes/nodes")] = 1e-6 * results.static(DYNAMIC_TENSILE)
         strength[np.isinf(strength)] = np.nan
-        scene.contours(nodes, body.shown, values / strength, [1.0], line_width=8.0)
+        scene.contours(nodes, body.shown, values / strength, [1.0], color="#1b7837", line_width=8.0)
         ends = [f"{end(strength[body.seen]):.3g}" for end in (np.nanmin, np.nanmax)]
-        line = f"\nthick line: dynamic strength, {' to '.join(dict.fromkeys(ends))} MPa"
+        line = f"\ngreen line: dynamic strength, {' to '.join(dict.fromkeys(ends))} MPa"
     scene.edges(nodes, body.shown, **OUTLINE)
     body.draw_translucent(scene, nodes)
     figure, axes = draw(scene, cameras)

@@ -274,18 +274,20 @@ class StressEnvelopes:
         return [self._stress.across(column) for column in columns.T]
 
     def state_dict(self) -> Dealt:
-        """Return the envelopes of all ranks, first ``ENVELOPE_NAMES`` (collective)."""
-        return Dealt(self._stress.comm, self._envelopes.state)
+        """Return the columns of the envelopes of all ranks (collective)."""
+        return Dealt(self._stress.comm, self._envelopes.columns)
 
     def values(self) -> dict[str, Array]:
         """Return the envelopes of all ranks by series of the stream ``envelopes``."""
-        seen, names = self._envelopes, (*ENVELOPE_NAMES, "overstress_time")
-        series = (*seen.columns.T, *([seen.overstress_time] if self._strengths else ()))
-        return {n: self._stress.across(v) for n, v in zip(names, series, strict=False)}
+        columns = self._envelopes.columns
+        series = {name: columns[:, i] for i, name in enumerate(ENVELOPE_NAMES)}
+        if self._strengths:
+            series["overstress_time"] = columns[:, len(series) : -1]
+        return {name: self._stress.across(rows) for name, rows in series.items()}
 
-    def load_state_dict(self, state: Floats, time: float) -> None:
+    def load_state_dict(self, columns: Floats, time: float) -> None:
         """Restore the envelopes at this rank's vertices from ``state_dict`` at a time [s]."""
-        self._envelopes.load_state(state, time)
+        self._envelopes.load_state_dict(columns, time)
 
 
 def _directions(

@@ -127,18 +127,16 @@ class Envelopes:
     Args:
         arch: Arch directions, shape (n, 3).
         cantilever: Cantilever directions, shape (n, 3).
-        strength: Dynamic tensile strength, infinite if there is none, shape (n,), [Pa].
-
-    Attributes:
-        overstress_time: Time for which the largest principal stress exceeds each of ``LEVELS``
-            times the strength, shape (n, levels), [s]. The stress varies linearly between times.
+        strength: Dynamic tensile strength, infinite at points without strength, shape (n,), [Pa].
+            With it, the time is recorded for which the largest principal stress exceeds each of
+            ``LEVELS`` times the strength. Between two times the stress varies linearly.
     """
 
     def __init__(self, arch: Floats, cantilever: Floats, strength: Floats | None = None) -> None:
         self._arch, self._cantilever, self._strength = arch, cantilever, strength
-        self.overstress_time: Floats = np.zeros((len(arch), len(LEVELS)))
-        self._ratio: Floats = np.full(len(arch), np.nan)  # of stress and strength, at self._time
-        self._time = 0.0
+        # Times above the levels, and the last ratio of stress and strength, of ``self._time``.
+        self._over: Floats = np.zeros((len(arch), 0 if strength is None else len(LEVELS) + 1))
+        self._over[:, -1:], self._time = np.nan, 0.0
         self._largest: Floats = np.full((3, len(arch)), -np.inf)
         self._smallest: Floats = np.full((3, len(arch)), np.inf)
 
@@ -152,32 +150,27 @@ class Envelopes:
             self._add_time(largest / self._strength, time)
 
     def _add_time(self, ratio: Floats, time: float) -> None:
-        low, high = np.minimum(self._ratio, ratio), np.maximum(self._ratio, ratio)
+        low, high = np.minimum(self._over[:, -1], ratio), np.maximum(self._over[:, -1], ratio)
         rows = np.flatnonzero(high > LEVELS[0])  # False for NaN, at the first time
         width = np.maximum(high - low, np.finfo(np.float64).tiny)[rows, None]
         share = np.clip((high[rows, None] - LEVELS) / width, 0.0, 1.0)
-        self.overstress_time[rows] += (time - self._time) * share
-        self._ratio, self._time = ratio, time
+        self._over[rows, :-1] += (time - self._time) * share
+        self._over[:, -1], self._time = ratio, time
 
     @property
     def columns(self) -> Floats:
-        """Envelopes in the order of ``ENVELOPE_NAMES``, shape (n, 6), [Pa]."""
+        """Envelopes in the order of ``ENVELOPE_NAMES``, shape (n, 6), [Pa].
+
+        With a strength, the times above ``LEVELS`` and the last ratio to the strength follow.
+        """
         both: Floats = np.stack([self._largest, self._smallest], axis=1)
-        return both.reshape(6, -1).T
+        return np.column_stack([both.reshape(6, -1).T, self._over])
 
-    @property
-    def state(self) -> Floats:
-        """Columns for a restart, shape (n, any)."""
-        over = () if self._strength is None else (self.overstress_time, self._ratio)
-        return np.column_stack([self.columns, *over])
-
-    def load_state(self, state: Floats, time: float) -> None:
-        """Restore the envelopes from ``state`` at a time [s]."""
-        both = state[:, :6].T.reshape(3, 2, -1)
+    def load_state_dict(self, columns: Floats, time: float) -> None:
+        """Restore the envelopes from ``columns`` at a time [s]."""
+        both = columns[:, :6].T.reshape(3, 2, -1)
         self._largest, self._smallest = both[:, 0].copy(), both[:, 1].copy()
-        if self._strength is not None:
-            self.overstress_time, self._ratio = state[:, 6:-1].copy(), state[:, -1].copy()
-            self._time = time
+        self._over, self._time = columns[:, 6:].copy(), time
 
 
 def declare_directions(

@@ -84,8 +84,8 @@ def test_time_above_each_level_is_that_of_a_sine(comm, new_path):
             crossed = LEVELS[LEVELS < DCR]
             slope = crossed / np.sqrt(DCR**2 - crossed**2)
             bound = 2 * DT**2 / 8 * 2 * np.pi / PERIOD * slope
-            found = time[below][:, : len(crossed)]
-            assert (np.abs(found - time_above(crossed)) <= 1.01 * bound).all()
+            recorded = time[below][:, : len(crossed)]
+            assert (np.abs(recorded - time_above(crossed)) <= 1.01 * bound).all()
             assert not time[:, len(crossed) :].any()
             assert not time[~below].any()
 
@@ -168,7 +168,7 @@ def test_jump_over_a_level_counts_its_share():
         stress[:, 1] = tension
         seen.see(stress, time)
     assert LEVELS[5] == 1.5
-    assert seen.overstress_time[:, 5].tolist() == [1.0, 0.0]
+    assert seen.columns[:, 6 + 5].tolist() == [1.0, 0.0]
 
 
 def test_the_strength_is_a_line_in_the_picture(comm, new_path):

@@ -162,9 +162,9 @@ def test_error_of_the_slip_falls_with_the_step():
 
 @pytest.mark.parametrize("share", [1.0, 0.2])
 def test_checks_of_the_joint(comm, new_path, share):
-    """The whole joint slides by 0.5 m, or, under a fifth of the pulse, nowhere.
+    """Check that the whole joint slides by 0.5 m, or, under a fifth of the pulse, nowhere.
 
-    The safety is then the ratio of yield acceleration and pulse, but for vibrations. The elastic
+    The safety is then the ratio of yield acceleration and pulse, except for vibrations. The elastic
     slip mu g rho HEIGHT / K_S is below a micrometre. The block stops at 1 s, so that the residual
     slip, the mean over the last second, is the whole slip.
     """

@@ -52,7 +52,7 @@ HEAD = ("criterion", "where", "value", "limit", "unit", "limit met")
 
 @dataclass(frozen=True)
 class Check:
-    """Row of the table; the value is NaN if not recorded, the limit None if there is none."""
+    """Row of the table; the value is NaN if not recorded, the limit None without a limit."""
 
     criterion: str
     where: str
@@ -71,6 +71,11 @@ class Check:
         is_met = self.value >= self.limit if is_safety else self.value <= self.limit
         return "yes" if is_met else "no"
 
+    @property
+    def cells(self) -> tuple[Any, ...]:
+        """Values in the columns of ``HEAD``."""
+        return (*astuple(self), self.met)
+
 
 class Checks(tuple[Check, ...]):
     """Rows of the table, which prints as text."""
@@ -78,18 +83,18 @@ class Checks(tuple[Check, ...]):
     __slots__ = ()
 
     def __str__(self) -> str:
-        table = [HEAD]
-        for row in self:
-            value = "" if np.isnan(row.value) else f"{row.value:.4g}"
-            limit = "" if row.limit is None else f"{row.limit:.4g}"
-            table.append((row.criterion, row.where, value, limit, row.unit, row.met))
+        table = [HEAD, *(tuple(map(_text, row.cells)) for row in self)]
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in table)
 
     def write_csv(self, path: str | PathLike[str]) -> None:
         """Write the table to a CSV file."""
         with Path(path).open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([HEAD, *([*astuple(row), row.met] for row in self)])
+            csv.writer(file).writerows([HEAD, *(row.cells for row in self)])
+
+
+def _text(cell: Any) -> str:
+    return f"{cell:.4g}" if isinstance(cell, float) else cell or ""
 
 
 @checked
@@ -121,16 +126,16 @@ def checks(
         fits = name in CRITERIA and (limit is None or real(limit) >= 0.0)
         check_kind_of(name, limit, fits, f"a limit of zero or more of {', '.join(CRITERIA)}")
     allowed = {name: row[2 if kind == "gravity" else 3] for name, row in CRITERIA.items()} | limits
-    found: list[Found] = [_drift(results, groups, crest)]
+    values: list[Found] = [_drift(results, groups, crest)]
     measures = joint_measures(results) if "states" in results.streams else {}
     for joint, measured in measures.items():
-        found += _sliding(results, joint, measured["slip_residual"])
+        values += _sliding(results, joint, measured["slip_residual"])
     if DYNAMIC_TENSILE in results.statics:
-        found += _Stresses(results, groups).demands(allowed["overstress_time"])
+        values += _Stresses(results, groups).demands(allowed["overstress_time"])
     rows = []
     for name, (criterion, unit, *_) in CRITERIA.items():
         missing: Found = (name, "", np.nan, None)
-        for _, where, value, limit in [row for row in found if row[0] == name] or [missing]:
+        for _, where, value, limit in [row for row in values if row[0] == name] or [missing]:
             limit = allowed[name] if limit is None else limit
             rows.append(Check(criterion, where, float(value), limit, unit))
     return Checks(rows)
@@ -154,10 +159,10 @@ def _sliding(results: Results, joint: str, residual_slip: float) -> Iterator[Fou
 def _drift(results: Results, groups: Collection[str] | None, crest: str | None) -> Found:
     """Return the drift of the crest, relative to the ground."""
     reference = usual_reference(results)
-    if crest is None:
-        return "drift", "no crest point given", np.nan, None
-    if "histories" not in results.streams or not (reference or results.relative):
-        return "drift", f"{crest}, no displacement relative to the ground", np.nan, None
+    is_recorded = "histories" in results.streams and (reference or results.relative)
+    if crest is None or not is_recorded:
+        where = "no displacement relative to the ground" if crest else "no crest point given"
+        return "drift", where, np.nan, None
     body, point = Body(results, groups), results.point_index(crest)
     up = 1 if body.plane else 2
     height = results.static("histories/points")[point, up] - body.nodes[body.seen, up].min()
@@ -179,15 +184,13 @@ class _Stresses:
 
     def demands(self, time_limit: float | None) -> Iterator[Found]:
         """Yield the recorded values; ``time_limit`` is that of the time of overstress [s]."""
-        results, statics = self._results, self._results.streams.get("statics", ())
-        largest, smallest = "principal_max", "principal_min"
-        if STAGE_STRESSES[largest] in statics:
-            yield self._worst("static_tension", "statics", STAGE_STRESSES[largest], "tensile")
-            compression = STAGE_STRESSES[smallest]
-            yield self._worst("static_compression", "statics", compression, "compressive")
-        if "envelopes" in results.streams and results.rows("envelopes"):
-            yield self._worst("tension", "envelopes", largest, "dynamic_tensile")
-            yield self._worst("compression", "envelopes", smallest, "compressive")
+        streams, rows = self._results.streams, self._results.rows
+        if STAGE_STRESSES["principal_max"] in streams.get("statics", ()):
+            yield self._worst("static_tension", "statics", "principal_max", "tensile")
+            yield self._worst("static_compression", "statics", "principal_min", "compressive")
+        if "envelopes" in streams and rows("envelopes"):
+            yield self._worst("tension", "envelopes", "principal_max", "dynamic_tensile")
+            yield self._worst("compression", "envelopes", "principal_min", "compressive")
             yield self._area()
             yield self._time(time_limit)
 
@@ -195,7 +198,8 @@ class _Stresses:
         return self._results.static(f"envelopes/strength/{name}")
 
     def _ratios(self, stream: str, series: str, strength: str) -> Floats:
-        """Return stress / strength of all records of a series, shape (records, n)."""
+        """Return stress / strength of all records of an envelope, shape (records, n)."""
+        series = STAGE_STRESSES[series] if stream == "statics" else series
         stress = self._results.series(stream, series) / self._strength(strength)
         return (-stress if strength == "compressive" else stress)[:, self._rows]
 
@@ -249,7 +253,7 @@ class _Stresses:
 
 
 def _first_largest(values: Floats) -> tuple[int, int]:
-    """Return row and column of the first value that is the largest one but for rounding errors."""
+    """Return row and column of the first value that equals the largest one within rounding errors."""
     row, column = np.unravel_index(
         np.isclose(values, values.max(), rtol=1e-9, atol=0.0).argmax(), values.shape
     )

@@ -25,9 +25,9 @@ def checks(content: Content) -> Section:
         given = run.results.metadata.get("checks")
         if given is not None or DYNAMIC_TENSILE in run.results.statics:
             arguments = {"kind": "gravity", "groups": run.groups, **(given or {})}
-            rows = [row.cells for row in criteria.checks(run.results, **arguments)]
+            rows = criteria.checks(run.results, **arguments)
             title = f"Checks, limits of {arguments['kind']} dams ({run.label})"
-            pieces.append(table(title, criteria.HEAD, rows))
+            pieces.append(table(title, criteria.Check._fields, rows))
     if not pieces:
         return nothing("checks", "Checks", "strengths and no limits")
     return Section("checks", "Checks", [*pieces, paragraph(_NOTE, "note")])

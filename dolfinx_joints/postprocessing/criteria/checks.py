@@ -13,10 +13,9 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Collection, Iterator
-from dataclasses import astuple, dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -47,34 +46,21 @@ CRITERIA: dict[str, tuple[str, str, float | None, float | None]] = {
     "drift": ("crest displacement / height", "-", None, None),
 }
 Found = tuple[str, str, float, float | None]  # name, place, value, limit if the place sets it
-HEAD = ("criterion", "where", "value", "limit", "unit", "limit met")
 
 
-@dataclass(frozen=True)
-class Check:
-    """Row of the table; the value is NaN if not recorded, the limit None without a limit."""
+class Check(NamedTuple):
+    """Row of the table.
+
+    The value is NaN if not recorded, the limit None without a limit. ``met`` is ``yes`` or ``no``
+    only if there are both, otherwise ``not recorded`` or ``no limit``.
+    """
 
     criterion: str
     where: str
     value: float
     limit: float | None
     unit: str
-
-    @property
-    def met(self) -> Literal["yes", "no", "no limit", "not recorded"]:
-        """``yes`` or ``no`` only if there are a value and a limit."""
-        if np.isnan(self.value):
-            return "not recorded"
-        if self.limit is None:
-            return "no limit"
-        is_safety = self.criterion == CRITERIA["sliding_safety"][0]
-        is_met = self.value >= self.limit if is_safety else self.value <= self.limit
-        return "yes" if is_met else "no"
-
-    @property
-    def cells(self) -> tuple[Any, ...]:
-        """Values in the columns of ``HEAD``."""
-        return (*astuple(self), self.met)
+    met: str
 
 
 class Checks(tuple[Check, ...]):
@@ -83,14 +69,14 @@ class Checks(tuple[Check, ...]):
     __slots__ = ()
 
     def __str__(self) -> str:
-        table = [HEAD, *(tuple(map(_text, row.cells)) for row in self)]
+        table = [Check._fields, *(tuple(map(_text, row)) for row in self)]
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in table)
 
     def write_csv(self, path: str | PathLike[str]) -> None:
         """Write the table to a CSV file."""
         with Path(path).open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([HEAD, *(row.cells for row in self)])
+            csv.writer(file).writerows([Check._fields, *self])
 
 
 def _text(cell: Any) -> str:
@@ -137,7 +123,11 @@ def checks(
         missing: Found = (name, "", np.nan, None)
         for _, where, value, limit in [row for row in values if row[0] == name] or [missing]:
             limit = allowed[name] if limit is None else limit
-            rows.append(Check(criterion, where, float(value), limit, unit))
+            met = "no limit" if limit is None else "yes"
+            if limit is not None and (value < limit if name == "sliding_safety" else value > limit):
+                met = "no"
+            met = "not recorded" if np.isnan(value) else met
+            rows.append(Check(criterion, where, float(value), limit, unit, met))
     return Checks(rows)
 
 
@@ -149,10 +139,10 @@ def _sliding(results: Results, joint: str, residual_slip: float) -> Iterator[Fou
     yield "sliding_safety", where, extremes.safety[row], None
     is_recorded = "joint_maxima" in results.streams and results.rows("joint_maxima")
     for name, series in (("mean_slip", "slip"), ("slid_area", "slid")):
-        values = np.full(len(areas), np.nan)
+        total = np.nan
         if is_recorded:
-            values = results.series("joint_maxima", f"{joint}/{series}", -1)
-        yield name, joint, values @ areas / areas.sum(), None
+            total = results.series("joint_maxima", f"{joint}/{series}", -1) @ areas
+        yield name, joint, total / areas.sum(), None
     yield "residual_slip", joint, residual_slip, None
 
 
@@ -176,7 +166,10 @@ class _Stresses:
 
     def __init__(self, results: Results, groups: Collection[str] | None) -> None:
         self._results, self._body = results, Body(results, groups)
-        nodes, is_strong = results.static("envelopes/nodes"), np.isfinite(self._strength("tensile"))
+        nodes, is_strong = (
+            results.static("envelopes/nodes"),
+            np.isfinite(results.static(DYNAMIC_TENSILE)),
+        )
         self._rows = np.flatnonzero(is_strong & np.isin(nodes, self._body.seen))
         self._nodes = nodes[self._rows]
         if not len(self._rows):
@@ -194,13 +187,11 @@ class _Stresses:
             yield self._area()
             yield self._time(time_limit)
 
-    def _strength(self, name: str) -> Floats:
-        return self._results.static(f"envelopes/strength/{name}")
-
     def _ratios(self, stream: str, series: str, strength: str) -> Floats:
         """Return stress / strength of all records of an envelope, shape (records, n)."""
         series = STAGE_STRESSES[series] if stream == "statics" else series
-        stress = self._results.series(stream, series) / self._strength(strength)
+        capacity = self._results.static(f"envelopes/strength/{strength}")
+        stress = self._results.series(stream, series) / capacity
         return (-stress if strength == "compressive" else stress)[:, self._rows]
 
     def _worst(self, name: str, stream: str, series: str, strength: str) -> Found:
@@ -253,8 +244,7 @@ class _Stresses:
 
 
 def _first_largest(values: Floats) -> tuple[int, int]:
-    """Return row and column of the first value that equals the largest one within rounding errors."""
-    row, column = np.unravel_index(
-        np.isclose(values, values.max(), rtol=1e-9, atol=0.0).argmax(), values.shape
-    )
+    """Return row and column of the first value that equals the largest one within rounding."""
+    is_largest = np.isclose(values, values.max(), rtol=1e-9, atol=0.0)
+    row, column = np.argwhere(is_largest)[0]
     return int(row), int(column)

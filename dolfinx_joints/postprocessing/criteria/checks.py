@@ -45,15 +45,12 @@ CRITERIA: dict[str, tuple[str, str, float | None, float | None]] = {
     "residual_slip": ("residual slip", "m", None, None),
     "drift": ("crest displacement / height", "-", None, None),
 }
+_WITHIN_ROUNDING = 1e-9, 0.0  # tolerances of values that count as the largest one; first is named
 Found = tuple[str, str, float, float | None]  # name, place, value, limit if the place sets it
 
 
 class Check(NamedTuple):
-    """Row of the table.
-
-    The value is NaN if not recorded, the limit None without a limit. ``met`` is ``yes`` or ``no``
-    only if there are both, otherwise ``not recorded`` or ``no limit``.
-    """
+    """Row of the table; ``met`` is yes, no, "no limit", or "not recorded" if the value is NaN."""
 
     criterion: str
     where: str
@@ -139,10 +136,11 @@ def _sliding(results: Results, joint: str, residual_slip: float) -> Iterator[Fou
     yield "sliding_safety", where, extremes.safety[row], None
     is_recorded = "joint_maxima" in results.streams and results.rows("joint_maxima")
     for name, series in (("mean_slip", "slip"), ("slid_area", "slid")):
-        total = np.nan
+        mean = np.nan
         if is_recorded:
-            total = results.series("joint_maxima", f"{joint}/{series}", -1) @ areas
-        yield name, joint, total / areas.sum(), None
+            values = results.series("joint_maxima", f"{joint}/{series}", -1)
+            mean = float(values @ areas / areas.sum())
+        yield name, joint, mean, None
     yield "residual_slip", joint, residual_slip, None
 
 
@@ -197,7 +195,7 @@ class _Stresses:
     def _worst(self, name: str, stream: str, series: str, strength: str) -> Found:
         """Return the largest ratio of a series."""
         ratios = self._ratios(stream, series, strength)
-        record, row = _first_largest(ratios)
+        record, row = np.argwhere(np.isclose(ratios, ratios.max(), *_WITHIN_ROUNDING))[0].tolist()
         stage = f"after {self._results.stage_names[record]}, " if stream == "statics" else ""
         return name, stage + self._place(row), ratios.max(), None
 
@@ -227,7 +225,7 @@ class _Stresses:
         limits = (limit or 1.0) * (2.0 - levels)
         with np.errstate(divide="ignore"):
             ratio = np.divide(time, limits, out=np.zeros_like(time), where=time > 0.0)
-        row, level = _first_largest(ratio)
+        row, level = np.argwhere(np.isclose(ratio, ratio.max(), *_WITHIN_ROUNDING))[0].tolist()
         where = f"above {levels[level]:.1f} x strength, {self._place(row)}"
         allowed = float(limits[level]) if limit else None
         return "overstress_time", where, time[row, level], allowed
@@ -241,10 +239,3 @@ class _Stresses:
         ]
         place = ", ".join(f"{x + 0.0:.4g}" for x in self._body.nodes[node])
         return f"{' and '.join(n.split('/', 2)[2] for n in kept)} ({place}) m".strip()
-
-
-def _first_largest(values: Floats) -> tuple[int, int]:
-    """Return row and column of the first value that equals the largest one within rounding."""
-    is_largest = np.isclose(values, values.max(), rtol=1e-9, atol=0.0)
-    row, column = np.argwhere(is_largest)[0]
-    return int(row), int(column)

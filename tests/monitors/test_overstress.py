@@ -116,6 +116,9 @@ def test_time_above_each_level_is_that_of_a_sine(comm, new_path):
             assert none["time of overstress"].value == pytest.approx(
                 time_above(1.0), abs=bound.max()
             )
+            none = {r.criterion: r for r in dj.checks(results, "arch", overstress_time=0.0)}
+            assert none["time of overstress"].met == "no"
+            assert none["time of overstress"].limit == 0.0
             with pytest.raises(ValueError, match="tensoin is 1; it must be a limit"):
                 dj.checks(results, "arch", tensoin=1)
 

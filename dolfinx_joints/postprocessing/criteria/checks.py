@@ -64,7 +64,8 @@ class Checks(tuple[Check, ...]):
     __slots__ = ()
 
     def __str__(self) -> str:
-        table = [Check._fields, *(tuple(map(_text, row)) for row in self)]
+        rows = ([f"{c:.4g}" if isinstance(c, float) else c or "" for c in row] for row in self)
+        table = [list(Check._fields), *rows]
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in table)
 
@@ -72,10 +73,6 @@ class Checks(tuple[Check, ...]):
         """Write the table to a CSV file."""
         with Path(path).open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([Check._fields, *self])
-
-
-def _text(cell: Any) -> str:
-    return f"{cell:.4g}" if isinstance(cell, float) else cell or ""
 
 
 @checked

@@ -103,6 +103,8 @@ from .postprocessing import motion_plots as motion_plots
 from .postprocessing import plots as plots
 from .postprocessing import views as views
 from .postprocessing.animation import animate as animate
+from .postprocessing.criteria.checks import checks as checks
+from .postprocessing.envelopes import Strength as Strength
 from .results.reader import Results as Results
 from .simulation.checkpoint import Checkpoints as Checkpoints
 from .simulation.first_state import InitialFields as InitialFields

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Extremes, integrals and means over each joint at every step, with terms of sliding safety."""
+"""Extremes, integrals and means over each joint at every step, and maxima of its points."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.common.arrays import Floats
+from dolfinx_joints.common.arrays import Flags, Floats
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.resultants import JointForces, breakable_joints
 from dolfinx_joints.postprocessing.joints.extremes import ALIKE
-from dolfinx_joints.results.quantities import JointPoints, at_points, rows_by
+from dolfinx_joints.results.quantities import TABLE, JointPoints, at_points, rows_by
 
 # Rows of the table of quantities by kind, and columns of maxima whose positions are recorded.
 _LARGEST, _PLACES = rows_by("largest"), rows_by("place")
@@ -26,6 +26,7 @@ class JointExtremesStream:
 
     Attributes:
         forces: Sums over the points of each joint.
+        maxima: Rows of the stream ``joint_maxima`` at the points of this rank, shape (rows, n).
     """
 
     def __init__(self, model: Model) -> None:
@@ -35,6 +36,7 @@ class JointExtremesStream:
         self._operator, self._tied = model.operator, model.contact.tied
         self.forces = JointForces(model)
         self._bonded = breakable_joints(model.contact)
+        self.maxima: Floats = np.zeros((len(TABLE["joint_maxima"]), len(model.operator.joint)))
         # The points of a joint are consecutive.
         self._joints, self._starts = np.unique(model.operator.joint, return_index=True)
         # Values below the rounding error of coordinates (1e-35 m for example) count as zero.
@@ -43,11 +45,18 @@ class JointExtremesStream:
         lowest, highest = of_ranks(model.operator.comm, ends).min(axis=0)
         self._rounding = np.finfo(np.float64).eps * float(-highest - lowest)
 
-    def values(self, points: JointPoints) -> dict[str, Floats]:
-        """Return the series of consecutive steps by name, a row for each step (collective)."""
+    def values(self, points: JointPoints, sliding: Flags) -> dict[str, Floats]:
+        """Return the series of consecutive steps by name, a row for each step (collective).
+
+        ``sliding`` is True at sliding points, shape (steps, n).
+        """
         count, operator = len(_LARGEST), self._operator
-        local = np.maximum(at_points(_LARGEST, points), 0.0)
+        # The first rows of the maxima are those of _LARGEST.
+        local = np.maximum(at_points(TABLE["joint_maxima"], points), 0.0)
         local[..., self._tied] = 0.0
+        slid = (sliding & (points.slip != 0.0).any(axis=-1)).any(axis=0)
+        np.maximum(self.maxima, [*local.max(axis=1), slid], out=self.maxima)
+        local = local[:count]
         largest = np.zeros((*local.shape[:-1], len(operator.names)))
         self._reduce(np.maximum, local, largest)
         integrands = at_points((*_SUMS, *_MEANS), points) * self.forces.areas

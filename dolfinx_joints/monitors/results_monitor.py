@@ -16,6 +16,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, MeshError, OtherRunError, warn
 from dolfinx_joints.common.mpi import handing_out, raised_together
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.resolution import resolution
@@ -27,7 +28,7 @@ from dolfinx_joints.monitors.probes import PointProbe, Probe, check_points
 from dolfinx_joints.monitors.resultants import ResultantsStream, strengths
 from dolfinx_joints.monitors.step_series import STATIC_PART, StepSeries
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, check_has_envelopes
-from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_directions
+from dolfinx_joints.postprocessing.envelopes import Strength, declare_directions
 from dolfinx_joints.results.layout import declare, declare_body, declare_points, stage_bytes
 from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE
 from dolfinx_joints.results.writer import ResultsWriter, check_storable, contains_only_statics
@@ -52,6 +53,7 @@ class ResultsMonitor(Monitor):
     pressure, and the terms of the sliding safety. Every ``every`` steps: nodal displacements, and
     facet by facet joint gaps, tractions and status, water pressures and broken bonds. Optional:
     resultants of joints and blocks at every step, and envelopes of boundary stresses at the end.
+    At the end: the largest opening, slip and tractions of each joint point over all steps.
 
     Args:
         path: Path of the file.
@@ -62,6 +64,9 @@ class ResultsMonitor(Monitor):
         envelopes: Record envelopes of principal, arch and cantilever stresses, including the static
             state, on the whole boundary or on the named facet groups. Only for 3-D models; costs
             one matrix-vector product per step.
+        strength: `Strength` of the body or by cell group for `checks`, to be given with
+            ``envelopes``. Also records the time for which the largest principal stress exceeds
+            1, 1.1, ... 2 times the dynamic tensile strength.
         resultants: Record force and moment of each joint and on each block at every step.
         static_part: Record the static part of the displacement under a `DifferingMotion`, at the
             points in every step and at all nodes in each state. Costs one solve per step.
@@ -90,6 +95,7 @@ class ResultsMonitor(Monitor):
     metadata: Mapping[str, Any] | None = None
     overwrite: bool = False
     envelopes: bool | Sequence[str] = False
+    strength: Strength | Mapping[str, Strength] | None = None
     resultants: bool = False
     static_part: bool = False
     single_precision: bool = False
@@ -97,6 +103,12 @@ class ResultsMonitor(Monitor):
     def __post_init__(self) -> None:
         """Check the arguments; nothing is written before the run starts."""
         check_storable("metadata", self.metadata or {})
+        given = self.strength or {}
+        self._strengths = dict(given) if isinstance(given, Mapping) else {"": given}
+        are_strengths = all(isinstance(s, Strength) for s in self._strengths.values())
+        check_kind_of("strength", given, are_strengths, "a Strength, or one by cell group")
+        if self._strengths and not self.envelopes:
+            raise ValueError("strength needs recorded stresses: set envelopes=True as well.")
         self._path, self._points = Path(self.path), check_points(self.points)
         self._backup = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None
@@ -189,10 +201,10 @@ class ResultsMonitor(Monitor):
             for stream, series in block[1].items()
         }
         examples |= {"states": state} | ({"statics": stages[0]} if stages else {})
-        if self._directions is not None:
-            examples["envelopes"] = dict.fromkeys(ENVELOPE_NAMES, self._directions[0])
+        examples |= self._ending()
         rows = dict.fromkeys(("histories", "energy", "joints", "resultants"), steps + 1)
-        rows |= {"statics": len(stages), "states": steps // self.every + 1, "envelopes": 1}
+        rows |= {"statics": len(stages), "states": steps // self.every + 1}
+        rows |= {"envelopes": 1, "joint_maxima": 1}
 
         def create() -> None:
             facts["manifest"] = manifest(
@@ -252,7 +264,7 @@ class ResultsMonitor(Monitor):
         self._envelopes = self._directions = None
         if self.envelopes:
             groups = None if isinstance(self.envelopes, bool) else self.envelopes
-            self._envelopes = StressEnvelopes(model, self._nodes, groups)
+            self._envelopes = StressEnvelopes(model, self._nodes, groups, self._strengths)
             self._directions = self._envelopes.directions
         self._rows = None if model.operator is None else JointRows(model.operator)
         self._mesh, self._mesh_sha256 = body_mesh(model, self._nodes, self._rows)
@@ -303,7 +315,9 @@ class ResultsMonitor(Monitor):
         points = {name: [*probe.place, probe.group] for name, probe in self._points.items()}
         faces = self.envelopes if isinstance(self.envelopes, bool) else list(self.envelopes)
         names = "every", "resultants", "static_part", "single_precision"
-        return {"points": points, "envelopes": faces, **{n: getattr(self, n) for n in names}}
+        strength = {group: asdict(given) for group, given in self._strengths.items()}
+        settings = {"points": points, "envelopes": faces, "strength": strength}
+        return settings | {name: getattr(self, name) for name in names}
 
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]
@@ -319,7 +333,7 @@ class ResultsMonitor(Monitor):
         self._prepare(model, last)
         self._series.load_state_dict(state_dict)
         if self._envelopes is not None:
-            self._envelopes.load_state_dict(state_dict["envelopes"])
+            self._envelopes.load_state_dict(state_dict["envelopes"], last.time)
         with raised_together(self._comm):
             if self._comm.rank == 0:
                 if self._backup.exists():
@@ -356,19 +370,25 @@ class ResultsMonitor(Monitor):
             if self._writer is not None:
                 self._writer.append(stream, time, values)
 
+    def _ending(self) -> dict[str, dict[str, Any]]:
+        """Return the streams with a single record at the end of a run (collective)."""
+        maxima = self._series.joint_maxima(self._rows)
+        streams: dict[str, dict[str, Any]] = {"joint_maxima": maxima} if maxima else {}
+        if self._envelopes is not None:
+            streams["envelopes"] = self._envelopes.values()
+        return streams
+
     def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Write the envelopes and close the file (collective)."""
+        """Write the envelopes and the joint maxima, and close the file (collective)."""
         warnings = summary.get("warnings", [])
         if self._point_warning and self._point_warning not in warnings:
             summary = summary | {"warnings": [self._point_warning, *warnings]}
-        block, values = self._series.take(), {}
-        if self._envelopes is not None:
-            values = dict(zip(ENVELOPE_NAMES, self._envelopes.columns(), strict=True))
-        with handing_out(self._comm, values):
+        block, streams = self._series.take(), self._ending()
+        with handing_out(self._comm, streams):
             if self._writer is not None:
                 writer, self._writer = self._writer, None
                 with writer:
                     writer.extend(*block)
-                    if values:
-                        writer.append("envelopes", self._series.last[0], values)
+                    for stream, values in streams.items():
+                        writer.append(stream, self._series.last[0], values)
                     writer.finish(status, summary)  # type: ignore[arg-type]

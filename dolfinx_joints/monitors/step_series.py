@@ -16,12 +16,14 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.arrays import Dealt, Floats
 from dolfinx_joints.common.mpi import summed
+from dolfinx_joints.laws.law import Status
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.fields import energies
 from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
+from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.probes import PointProbe
 from dolfinx_joints.monitors.resultants import ResultantsStream
-from dolfinx_joints.results.quantities import JointPoints, rows_below
+from dolfinx_joints.results.quantities import TABLE, JointPoints, rows_below
 from dolfinx_joints.simulation.record import Record
 
 STATIC_PART = "static_displacement"
@@ -68,7 +70,8 @@ class StepSeries:
         counts, parts, pressure = solve.counts if solve else None, tuple[Floats, ...](), None
         if self._extremes is not None and joints is not None and contact is not None:
             cohesion = self._extremes.forces.cohesion(joints)
-            parts = (joints.state.gap.copy(), joints.traction.copy(), cohesion)
+            sliding = joints.status >= Status.SLIP  # also closed without friction
+            parts = (joints.state.gap.copy(), joints.traction.copy(), cohesion, sliding)
             counts = contact.counts(joints.status) if counts is None else counts
         if self.resultants is not None and record.pressure is not None:
             pressure = record.pressure()
@@ -106,24 +109,37 @@ class StepSeries:
         streams = {"histories": histories | {"iterations": np.array(iterations)}}
         streams["energy"] = energies(self._model, rows)
         if self._extremes is not None:
-            gap, traction, cohesion = map(_stacked, zip(*parts, strict=True))
+            gap, traction, cohesion, sliding = map(_stacked, zip(*parts, strict=True))
             points = JointPoints(gap, gap[..., 1:] - self._gap[:, 1:], traction, cohesion)
-            streams["joints"] = self._extremes.values(points)
+            streams["joints"] = self._extremes.values(points, sliding)
             if self.resultants is not None:
                 water = None if pressure[0] is None else _stacked(pressure)
                 streams["resultants"] = self.resultants.values(points, water)
         return times, streams
 
     def state_dict(self) -> dict[str, Any]:
-        """Return ``last`` and the gaps from which slip is measured (collective)."""
-        gap = None if self._extremes is None else Dealt(self._model.jointed.mesh.comm, self._gap)
-        return {"time": self.last[0], "velocity": self.last[1], "gap": gap}
+        """Return ``last``, first gaps and joint maxima (collective)."""
+        joints: dict[str, Floats] = {}
+        if self._extremes is not None:
+            joints = {"gap": self._gap, "joint_maxima": self._extremes.maxima.T}
+        parts = {name: Dealt(self._model.jointed.mesh.comm, v) for name, v in joints.items()}
+        return {"time": self.last[0], "velocity": self.last[1], **parts}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore the values from ``state_dict``."""
         self.last = state_dict["time"], state_dict["velocity"]
         if self._extremes is not None:
             self._gap = state_dict["gap"].copy()
+            self._extremes.maxima = state_dict["joint_maxima"].T.copy()
+
+    def joint_maxima(self, rows: JointRows | None) -> dict[str, Any]:
+        """Return the largest values of the joint points over the steps taken (collective)."""
+        series: dict[str, Any] = {}
+        if self._extremes is not None and rows is not None:
+            for i, row in enumerate(TABLE["joint_maxima"]):
+                by_joint = rows.across(rows(self._extremes.maxima[i])).items()
+                series |= {row.name.replace("*", joint): values for joint, values in by_joint}
+        return series
 
     def _motion(
         self, times: Sequence[float], u: Sequence[Floats], v: Sequence[Floats], *static: Any

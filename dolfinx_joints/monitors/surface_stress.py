@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import basix
@@ -33,7 +33,14 @@ from dolfinx_joints.loads.temperature.thermal_strain import Temperature
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import boundary_facets
-from dolfinx_joints.postprocessing.envelopes import Envelopes, face_directions, stage_stresses
+from dolfinx_joints.postprocessing.envelopes import (
+    ENVELOPE_NAMES,
+    STRENGTHS,
+    Envelopes,
+    Strength,
+    face_directions,
+    stage_stresses,
+)
 
 Array = NDArray[Any] | Dealt
 
@@ -78,7 +85,7 @@ class SurfaceStress:
         place[owned - nodes.first] = numbers
         self.nodes: Ints = dealt(comm, int(ends[-1]), numbers, owned)
         self._blocks = equal_blocks(int(ends[-1]), comm.size)
-        place = rows_at(comm, place, corners.ravel()).reshape(corners.shape)
+        self._place = place = rows_at(comm, place, corners.ravel()).reshape(corners.shape)
         numbered = place[place >= 0]
         cells = added(comm, self._blocks, numbered, np.ones(len(numbered)))
         count = np.ones(place.shape)
@@ -161,6 +168,23 @@ class SurfaceStress:
             stress = stress - np.outer(thermal, self._isotropic)
         return stress
 
+    def strengths(self, model: Model, by_group: Mapping[str, Strength]) -> dict[str, Floats]:
+        """Return the lowest strengths of the cells at vertices, shape (n,), [Pa] (collective).
+
+        Names are those in ``STRENGTHS``. A strength is infinite if no cell at the vertex is in a
+        group. The group "" is the whole body.
+        """
+        everywhere: Floats = np.full(len(self.nodes), np.inf)
+        lowest = {name: everywhere.copy() for name in STRENGTHS if by_group}
+        for group, strength in by_group.items():
+            cells = model.jointed.cells(group) if group else np.arange(len(self._place))
+            numbers = self._place[cells[cells < len(self._place)]]
+            numbers = numbers[numbers >= 0]
+            adjacent = added(self.comm, self._blocks, numbers, np.ones(len(numbers))) > 0.0
+            for name, values in lowest.items():
+                values[adjacent] = np.minimum(values[adjacent], getattr(strength, name))
+        return lowest
+
     def across(self, rows: NDArray[Any]) -> NDArray[Any] | Dealt:
         """Return the rows of all ranks as one array."""
         return across(self.comm, rows, self._blocks)
@@ -193,6 +217,7 @@ class StressEnvelopes:
         nodes: Node numbering.
         groups: Names of facet groups, such as ``["upstream"]``; by default the whole boundary, in
             2-D all cells.
+        strength: Strengths by cell group, see `SurfaceStress.strengths`.
 
     Attributes:
         nodes: Vertex numbers in this rank's block, ascending over the ranks, shape (n,).
@@ -201,12 +226,17 @@ class StressEnvelopes:
     """
 
     def __init__(
-        self, model: Model, nodes: NodeNumbering, groups: Sequence[str] | None = None
+        self,
+        model: Model,
+        nodes: NodeNumbering,
+        groups: Sequence[str] | None = None,
+        strength: Mapping[str, Strength] | None = None,
     ) -> None:
         """Assemble the stress recovery (collective)."""
         chosen = None if groups is None else facets_of_groups(model, nodes, groups)
         self._stress = SurfaceStress(model, nodes, chosen)
         self.nodes = self._stress.nodes
+        self._strengths = self._stress.strengths(model, strength or {})
         if model.gdim == 3:
             free = free_facets(model, nodes) if chosen is None else chosen
             self.arch, self.cantilever = _directions(model, nodes, free, self.nodes)
@@ -216,20 +246,19 @@ class StressEnvelopes:
         self.begin()
 
     @property
-    def directions(self) -> tuple[Array, Array, Array]:
-        """``nodes``, ``arch`` and ``cantilever`` on all ranks."""
-        nodes, arch, cantilever = (
-            self._stress.across(rows) for rows in (self.nodes, self.arch, self.cantilever)
-        )
-        return nodes, arch, cantilever
+    def directions(self) -> list[Array]:
+        """``nodes``, ``arch``, ``cantilever`` and, if given, strengths on all ranks."""
+        rows = (self.nodes, self.arch, self.cantilever, *self._strengths.values())
+        return [self._stress.across(values) for values in rows]
 
     def begin(self) -> None:
         """Reset the envelopes at the start of a run."""
-        self._envelopes = Envelopes(self.arch, self.cantilever)
+        strength = self._strengths.get("dynamic_tensile")
+        self._envelopes = Envelopes(self.arch, self.cantilever, strength)
 
     def see(self, u: PETSc.Vec, time: float) -> None:
         """Update the envelopes with the stresses at a time [s], from displacements (collective)."""
-        self._envelopes.see(self._stress(u, time))
+        self._envelopes.see(self._stress(u, time), time)
 
     def at(self, u: PETSc.Vec, time: float, loads: Sequence[int], present: Floats) -> list[Array]:
         """Return the stresses of a static stage of all ranks, see `stage_stresses` (collective).
@@ -245,16 +274,20 @@ class StressEnvelopes:
         return [self._stress.across(column) for column in columns.T]
 
     def state_dict(self) -> Dealt:
-        """Return the envelopes of all ranks, columns as in ``ENVELOPE_NAMES`` (collective)."""
+        """Return the columns of the envelopes of all ranks (collective)."""
         return Dealt(self._stress.comm, self._envelopes.columns)
 
-    def columns(self) -> list[Array]:
-        """Return the envelopes of all ranks, in the order of ``ENVELOPE_NAMES``."""
-        return [self._stress.across(column) for column in self._envelopes.columns.T]
+    def values(self) -> dict[str, Array]:
+        """Return the envelopes of all ranks by series of the stream ``envelopes``."""
+        columns = self._envelopes.columns
+        series = {name: columns[:, i] for i, name in enumerate(ENVELOPE_NAMES)}
+        if self._strengths:
+            series["overstress_time"] = columns[:, len(series) : -1]
+        return {name: self._stress.across(rows) for name, rows in series.items()}
 
-    def load_state_dict(self, columns: Floats) -> None:
-        """Restore the envelopes at this rank's vertices from ``state_dict``."""
-        self._envelopes.load_state_dict(columns)
+    def load_state_dict(self, columns: Floats, time: float) -> None:
+        """Restore the envelopes at this rank's vertices from ``state_dict`` at a time [s]."""
+        self._envelopes.load_state_dict(columns, time)
 
 
 def _directions(

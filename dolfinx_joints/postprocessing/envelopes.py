@@ -7,12 +7,15 @@ Stresses are rows (xx, yy, zz, xy, yz, xz) [Pa], tension positive.
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from dataclasses import dataclass
+from typing import Annotated, Literal, get_args
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dolfinx_joints.common.arrays import Floats
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.results.layout import Array
 from dolfinx_joints.results.writer import ResultsWriter
 
@@ -26,6 +29,11 @@ STAGE_STRESSES = {
     name: f"stress/{name if name.startswith('principal') else name.split('_')[0]}"
     for name in ENVELOPE_NAMES
 }
+
+# Levels of the largest principal stress / dynamic tensile strength, for the time of overstress.
+LEVELS = np.linspace(1.0, 2.0, 11)
+STRENGTHS = ("tensile", "dynamic_tensile", "compressive")
+DYNAMIC_TENSILE = "envelopes/strength/dynamic_tensile"
 
 _STEEP = 0.9  # limit of |n_z|: facets within 26 degrees of the horizontal have no arch direction
 _SMOOTH = 0.8  # least ratio of largest eigenvalue and sum; 0.8 for two facets at 53 degrees
@@ -89,43 +97,95 @@ def face_directions(nodes: ArrayLike, facets: ArrayLike) -> tuple[Floats, Floats
     return arch, cantilever / np.linalg.norm(cantilever, axis=1, keepdims=True)
 
 
+@dataclass(frozen=True, kw_only=True)
+@checked
+class Strength:
+    """Strength of concrete, for `checks`; it does not affect a run.
+
+    The default factor is that of J. M. Raphael, Tensile strength of concrete, ACI Journal 81
+    (1984), 158-165. Check it against the standard that applies.
+
+    Attributes:
+        tensile: Static tensile strength.
+        compressive: Compressive strength, in statics and dynamics.
+        dynamic_factor: Dynamic tensile strength / static tensile strength.
+    """
+
+    tensile: Annotated[float, at.Gt(0), at.Unit("Pa")]
+    compressive: Annotated[float, at.Gt(0), at.Unit("Pa")]
+    dynamic_factor: Annotated[float, at.Ge(1)] = 1.5
+
+    @property
+    def dynamic_tensile(self) -> float:
+        """Dynamic tensile strength [Pa]."""
+        return self.dynamic_factor * self.tensile
+
+
 class Envelopes:
     """Largest and smallest stresses over time at points of a surface.
 
     Args:
         arch: Arch directions, shape (n, 3).
         cantilever: Cantilever directions, shape (n, 3).
+        strength: Dynamic tensile strength, infinite at points without strength, shape (n,), [Pa].
+            With it, the time is recorded for which the largest principal stress exceeds each of
+            ``LEVELS`` times the strength. Between two times the stress varies linearly.
     """
 
-    def __init__(self, arch: Floats, cantilever: Floats) -> None:
-        self._arch, self._cantilever = arch, cantilever
+    def __init__(self, arch: Floats, cantilever: Floats, strength: Floats | None = None) -> None:
+        self._arch, self._cantilever, self._strength = arch, cantilever, strength
+        # Times above the levels, and the last ratio of stress and strength, of ``self._time``.
+        self._over: Floats = np.zeros((len(arch), 0 if strength is None else len(LEVELS) + 1))
+        self._over[:, -1:], self._time = np.nan, 0.0
         self._largest: Floats = np.full((3, len(arch)), -np.inf)
         self._smallest: Floats = np.full((3, len(arch)), np.inf)
 
-    def see(self, stress: Floats) -> None:
-        """Update the envelopes with the stresses at one time, shape (n, 6), [Pa]."""
+    def see(self, stress: Floats, time: float = 0.0) -> None:
+        """Update the envelopes with the stresses at a time [s], shape (n, 6), [Pa]."""
         largest, smallest = principal_extremes(stress)
         along = [stress_along(stress, d) for d in (self._arch, self._cantilever)]
         np.maximum(self._largest, [largest, *along], out=self._largest)
         np.minimum(self._smallest, [smallest, *along], out=self._smallest)
+        if self._strength is not None:
+            self._add_time(largest / self._strength, time)
+
+    def _add_time(self, ratio: Floats, time: float) -> None:
+        low, high = np.minimum(self._over[:, -1], ratio), np.maximum(self._over[:, -1], ratio)
+        rows = np.flatnonzero(high > LEVELS[0])  # False for NaN, at the first time
+        width = np.maximum(high - low, np.finfo(np.float64).tiny)[rows, None]
+        share = np.clip((high[rows, None] - LEVELS) / width, 0.0, 1.0)
+        self._over[rows, :-1] += (time - self._time) * share
+        self._over[:, -1], self._time = ratio, time
 
     @property
     def columns(self) -> Floats:
-        """Envelopes in the order of ``ENVELOPE_NAMES``, shape (n, 6), [Pa]."""
+        """Envelopes in the order of ``ENVELOPE_NAMES``, shape (n, 6), [Pa].
+
+        With a strength, the times above ``LEVELS`` and the last ratio to the strength follow.
+        """
         both: Floats = np.stack([self._largest, self._smallest], axis=1)
-        return both.reshape(6, -1).T
+        return np.column_stack([both.reshape(6, -1).T, self._over])
 
-    def load_state_dict(self, columns: Floats) -> None:
-        """Restore the envelopes from ``columns``."""
-        both = columns.T.reshape(3, 2, -1)
+    def load_state_dict(self, columns: Floats, time: float) -> None:
+        """Restore the envelopes from ``columns`` at a time [s]."""
+        both = columns[:, :6].T.reshape(3, 2, -1)
         self._largest, self._smallest = both[:, 0].copy(), both[:, 1].copy()
+        self._over, self._time = columns[:, 6:].copy(), time
 
 
-def declare_directions(writer: ResultsWriter, nodes: Array, arch: Array, cantilever: Array) -> None:
-    """Write the nodes of envelopes, rows of ``mesh/nodes`` (n,), and directions (n, 3) or NaN."""
+def declare_directions(
+    writer: ResultsWriter, nodes: Array, arch: Array, cantilever: Array, *strengths: Array
+) -> None:
+    """Write the nodes of envelopes, rows of ``mesh/nodes`` (n,), and directions (n, 3) or NaN.
+
+    Strengths (n,) are in the order of ``STRENGTHS``, infinite in cells without a strength.
+    """
     writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
     writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")
     writer.static("envelopes/cantilever", cantilever, "-", "steepest direction in the surface")
+    for name, strength in zip(STRENGTHS, strengths, strict=bool(strengths)):
+        text = f"{name.replace('_', ' ')} strength"
+        writer.static(f"envelopes/strength/{name}", strength, "Pa", text)
 
 
 def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> Floats:

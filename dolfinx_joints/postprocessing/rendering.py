@@ -113,15 +113,15 @@ class Scene:
         self.layers.append((data, style))
 
     def contours(
-        self, points: ArrayLike, faces: Ints, nodal: ArrayLike, levels: Sequence[float]
+        self, points: ArrayLike, faces: Ints, nodal: ArrayLike, levels: list[float], **style: Any
     ) -> None:
         """Add contour lines of values of points; polygons with a NaN have no lines."""
         values = np.asarray(nodal)
         data = polygons(points, faces[np.isfinite(values[faces]).all(axis=1)]).triangulate()
         data.point_data["value"] = values
-        lines = data.contour(list(levels), scalars="value") if levels and data.n_cells else data
+        lines = data.contour(levels, scalars="value") if levels and data.n_cells else data
         if levels and lines.n_cells:
-            self.layers.append((lines, dict(_CONTOUR)))
+            self.layers.append((lines, _CONTOUR | style))
 
     def edges(
         self,

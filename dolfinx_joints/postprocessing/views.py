@@ -32,7 +32,7 @@ from dolfinx_joints.postprocessing.body import (
     size_of,
     top,
 )
-from dolfinx_joints.postprocessing.envelopes import EnvelopeName
+from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE, EnvelopeName
 from dolfinx_joints.postprocessing.frames import nodal_displacement
 from dolfinx_joints.postprocessing.joints.surface import (
     MAP_LABELS,
@@ -42,6 +42,7 @@ from dolfinx_joints.postprocessing.joints.surface import (
     map_colours,
     map_limits,
     map_value,
+    state_of_map,
 )
 from dolfinx_joints.postprocessing.palette import (
     CONCRETE,
@@ -175,10 +176,11 @@ def joint_map(
     rotated about the vertical through its middle until it faces the viewer, upstream edge to the
     left; ``turned=False`` disables this. In maps of tractions and states, open points are black.
     Tied points, at the end of a joint inside a body, are grey in every map. The ratio is
-    -|t_s|/|t_n|, the slip is the tangential gap. `plots.joint_maps` draws one panel per joint.
+    -|t_s|/|t_n|, the slip is the tangential gap. Quantities ``largest_...`` are the largest values
+    of each point over all steps. `plots.joint_maps` draws one panel per joint.
     """
     camera = Camera(azimuth_deg, elevation_deg)
-    results, number, moment = chosen_state(results, time, index, stage)
+    results, number, moment = state_of_map(results, quantity, time, index, stage)
     body = Body(results, groups)
     joints = results.joints if joint is None else [joint]
     if not joints:
@@ -237,7 +239,8 @@ def envelope(
 
     Nodes without a value, such as crest nodes for arch stresses, are grey. The run must have
     recorded the stream ``envelopes``. Cell ``groups`` such as ``["dam"]`` are drawn opaque and fill
-    the picture; colours and title refer to their values. The other cells are translucent.
+    the picture; colours and title refer to their values. The other cells are translucent. If the
+    file has strengths, a green line is where ``principal_max`` is the dynamic tensile strength.
     """
     body = Body(results, groups)
     cameras = body.cameras(azimuths_deg, elevation_deg)
@@ -251,6 +254,14 @@ def envelope(
     scene.surface(nodes, body.shown, nodal=values, **style, **MESH)
     levels = contour_levels(limits)
     scene.contours(nodes, body.shown, values, levels)
+    line = ""
+    if name == "principal_max" and DYNAMIC_TENSILE in results.statics:
+        strength = np.full(len(nodes), np.inf)
+        strength[results.static("envelopes/nodes")] = 1e-6 * results.static(DYNAMIC_TENSILE)
+        strength[np.isinf(strength)] = np.nan
+        scene.contours(nodes, body.shown, values / strength, [1.0], color="#1b7837", line_width=8.0)
+        ends = [f"{end(strength[body.seen]):.3g}" for end in (np.nanmin, np.nanmax)]
+        line = f"\ngreen line: dynamic strength, {' to '.join(dict.fromkeys(ends))} MPa"
     scene.edges(nodes, body.shown, **OUTLINE)
     body.draw_translucent(scene, nodes)
     figure, axes = draw(scene, cameras)
@@ -258,7 +269,7 @@ def envelope(
     stress, end = name.split("_")
     where = "" if groups is None else f" of {', '.join(groups)}"
     title = f"{'largest' if end == 'max' else 'smallest'} {stress} stress{where}"
-    figure.suptitle(f"{title}: {low:.2f} to {high:.2f} MPa", fontsize="medium")
+    figure.suptitle(f"{title}: {low:.2f} to {high:.2f} MPa{line}", fontsize="medium")
     return figure
 
 

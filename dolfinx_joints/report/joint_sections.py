@@ -104,24 +104,18 @@ def _histories(content: Content, run: Run) -> Html:
 
 def _maps(content: Content, run: Run) -> list[Html]:
     """Return maps of all joints: traction in statics and in the earthquake, opening, slip."""
-    measured = measures.joint_measures(run.results)
-    widest, farthest = (
-        max((f[f"{name}_max"], f[f"{name}_time"]) for f in measured.values())[1]
-        for name in ("opening", "slip")
-    )
     time, moment = largest_moment(run)
-    nearest = "the record closest to the"
     if run.plane:
         return [
             _profiles(content, "joints_largest", moment, time=time),
-            _profiles(content, "joints_opening", f"{nearest} largest opening", time=widest),
+            _profiles(content, "joints_opening", *_time_of_largest(run, "opening")),
         ]
     start = float(run.results.time("states")[0])
-    drawn: list[tuple[str, Any, float, str]] = [
+    drawn: list[tuple[str, Any, float | None, str]] = [
         ("static", "normal", start, "Normal traction in the static state"),
         ("normal", "normal", time, f"Normal traction at {moment}"),
-        ("opening", "opening", widest, f"Opening, at {nearest} largest opening"),
-        ("tangential_gap", "slip", farthest, f"Tangential gap, at {nearest} largest slip"),
+        _largest(run, "opening", "opening"),
+        _largest(run, "slip", "tangential_gap"),
         ("tangential", "tangential", time, f"Tangential traction at {moment}"),
         ("state", "state", time, f"State of the points at {moment}"),
     ]
@@ -130,9 +124,27 @@ def _maps(content: Content, run: Run) -> list[Html]:
     shown, maps = [], JointMaps(run.results)
     for name, quantity, at, words in drawn:
         picture = maps.draw(quantity, at)
-        recorded = run.results.time("states")[run.results.nearest("states", at)]
-        shown.append(_map(content, name, picture, f"{words}, {run.label} at t = {recorded:.3f} s."))
+        words += f", {run.label}"
+        if at is not None:
+            recorded = run.results.time("states")[run.results.nearest("states", at)]
+            words += f" at t = {recorded:.3f} s"
+        shown.append(_map(content, name, picture, f"{words}."))
     return [*shown[:3], details("Further maps", shown[3:])]
+
+
+def _largest(run: Run, kind: str, name: str) -> tuple[str, Any, float | None, str]:
+    """Return the map of opening or slip over all steps, or at a record if the run has not ended."""
+    if run.has("joint_maxima"):
+        return name, f"largest_{kind}", None, f"Largest {kind} of each point over all steps"
+    moment, time = _time_of_largest(run, kind)
+    return name, kind, time, f"{kind.capitalize()} at {moment}"
+
+
+def _time_of_largest(run: Run, kind: str) -> tuple[str, float]:
+    """Return the record closest to the largest opening or slip in words, and its time [s]."""
+    measured = measures.joint_measures(run.results).values()
+    time = max((joint[f"{kind}_max"], joint[f"{kind}_time"]) for joint in measured)[1]
+    return f"the record closest to the largest {kind}", time
 
 
 def _of_last_stage(content: Content) -> list[Html]:
@@ -153,9 +165,11 @@ def _of_last_stage(content: Content) -> list[Html]:
     return [tables, area, *shown[:2], details("Further maps", shown[2:])]
 
 
-def _profiles(content: Content, name: str, moment: str, **state: Any) -> Html:
+def _profiles(
+    content: Content, name: str, moment: str, time: float | None = None, **stage: Any
+) -> Html:
     """Return values along the joints of the main plane run at a moment, described in words."""
-    drawn = plots.joint_profiles(content.main.results, **state)
+    drawn = plots.joint_profiles(content.main.results, time=time, **stage)
     caption = f"Values along the joints at {moment}, {content.main.label}."
     path = content.save(name, drawn, dpi=100)
     return figure([content.drawings.picture(path, caption)], caption)

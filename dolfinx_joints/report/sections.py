@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.report import (
     body_sections,
+    check_section,
     joint_sections,
     parameter_sections,
     response_sections,
@@ -25,6 +26,7 @@ SECTIONS: tuple[Callable[[Content], Section | None], ...] = (
     body_sections.space,
     joint_sections.joints,
     body_sections.stresses,
+    check_section.checks,
     parameter_sections.parameters,
     body_sections.mesh,
     run_sections.energies,

@@ -218,6 +218,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("arch_min", "Pa", text="smallest stress along the arch direction"),
         Q("cantilever_max", "Pa", text="largest stress along the cantilever direction"),
         Q("cantilever_min", "Pa", text="smallest stress along the cantilever direction"),
+        Q("overstress_time", "s", text="time above each level x dynamic tensile strength"),
     ),
     # Attributes of `StageJoint`, not in files.
     "stage_joints": (
@@ -288,6 +289,13 @@ def at_points(rows: Iterable[Quantity], points: JointPoints) -> Floats:
 
 
 ENERGY_TERMS = tuple(row.name for row in rows_below("energy") if not row.rare)
+# Largest values of each joint point over all steps.
+TABLE["joint_maxima"] = (
+    *rows_by("largest"),
+    Q("*/tension", "Pa", "largest tension", "MPa", of=lambda p: p.traction[..., 0]),
+    Q("*/shear", "Pa", "largest tangential traction", "MPa", of=lambda p: p.shear),
+    Q("*/slid", "-", text="1 where a point slid in any step, zero elsewhere"),
+)
 # Series of a joint that figures show. The measures include their largest values and times.
 JOINT_SERIES = tuple(row for row in rows_by("largest", "mean") if row.label)
 for _row in reversed(JOINT_SERIES):

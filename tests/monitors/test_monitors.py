@@ -26,7 +26,9 @@ from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.monitors import results_monitor as monitors
 from dolfinx_joints.monitors.field_monitor import FieldMonitor
 from dolfinx_joints.monitors.probes import boundary_facets
+from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
+from dolfinx_joints.postprocessing.joints.surface import map_value
 from dolfinx_joints.postprocessing.measures import joint_extremes, joint_measures
 from dolfinx_joints.results.overview import overview
 from dolfinx_joints.results.quantities import ENERGY_TERMS
@@ -193,6 +195,24 @@ def test_extremes_of_joints_are_of_every_step(comm, wall_file, read, new_path):
                         joint_measures(thin)[joint][f"{name}_time"] == every[joint][f"{name}_time"]
                     )
                 np.testing.assert_allclose(found.pressure, -t[..., 0].min(axis=1), rtol=1e-12)
+                # Maxima of each point; their largest values are those of the table.
+                slides = dense.series("states", f"{where}/status") == 2
+                maxima = {
+                    "opening": np.maximum(gap[..., 0], 0.0),
+                    "slip": slip,
+                    "pressure": -t[..., 0],
+                    "tension": np.maximum(t[..., 0], 0.0),
+                    "shear": np.linalg.norm(t[..., 1:], axis=-1),
+                    "slid": slides & (slip > 0.0),
+                }
+                for name, values in maxima.items():
+                    at_points = thin.series("joint_maxima", f"{joint}/{name}", -1)
+                    size = values.max()
+                    np.testing.assert_allclose(at_points, values.max(axis=0), atol=1e-12 * size)
+                for name in ("opening", "slip"):
+                    drawn = map_value(thin, joint, f"largest_{name}", -1)
+                    largest = every[joint][f"{name}_max"]
+                    assert drawn.max() == pytest.approx(1e3 * largest, rel=1e-12)
                 mean = -t[..., 0] @ areas / areas.sum()
                 np.testing.assert_allclose(found.mean_pressure, mean, rtol=1e-12)
                 safety = MU * (-t[..., 0] @ areas) / (np.linalg.norm(t[..., 1:], axis=-1) @ areas)
@@ -201,6 +221,10 @@ def test_extremes_of_joints_are_of_every_step(comm, wall_file, read, new_path):
                     # Infinite where the shear is that of rounding, as by symmetry at rest.
                     np.testing.assert_allclose(np.minimum(each, 1e6), np.minimum(safety, 1e6))
             assert max(m["opening_max"] for m in every.values()) > 0.0
+            title = plots.joint_maps(thin, "largest_opening").get_suptitle()
+            assert title == "largest opening over the run"
+            with pytest.raises(ValueError, match="'largest_slip' is of all steps"):
+                plots.joint_maps(thin, "largest_slip", time=0.01)
 
     on_root(comm, look)
 

@@ -23,7 +23,7 @@ from dolfinx_joints.motions.spectra import equally_spaced, response_spectrum
 from dolfinx_joints.postprocessing import measures, motion_plots, plots, rendering, views
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants, resultant_measures
-from dolfinx_joints.postprocessing.joints.surface import MapQuantity
+from dolfinx_joints.postprocessing.joints.surface import OVER_RUN, MapQuantity
 from dolfinx_joints.results.reader import Results
 
 pytest.importorskip("matplotlib")
@@ -175,7 +175,7 @@ def of_map(run: Results, joint: str, quantity: str, record: int) -> np.ndarray:
     return np.where(is_open & (quantity in ("normal", "tangential")), np.nan, value)
 
 
-@pytest.mark.parametrize("quantity", get_args(MapQuantity))
+@pytest.mark.parametrize("quantity", [q for q in get_args(MapQuantity) if q not in OVER_RUN])
 def test_maps_of_joints(runs: tuple[Results, Results], quantity: MapQuantity) -> None:
     own, _ = runs
     for record in (1, 3):

@@ -307,6 +307,28 @@ def test_what_is_not_in_the_file_is_reported(tmp_path, monkeypatch):
         assert measures.strong_phase_end(run.results) == pytest.approx(0.5)  # the end of the run
 
 
+def test_checks_are_a_table_with_the_limits_of_the_file(plain, tmp_path):
+    # Without stresses the limits of an arch dam judge nothing. The point is 2 m above the lowest
+    # node, and moves by 1 mm x AMPLITUDE or less.
+    assert "The files have no strengths and no limits." in plain[1]
+    arguments = {"kind": "arch", "crest": "mid-crest", "drift": 0.1, "residual_slip": 1e-3}
+    page, html = page_of([write_run(tmp_path / "run.h5", facts={"checks": arguments})], tmp_path)
+    assert "Checks, limits of arch dams (run)" in html
+    start = page.cells.index("overstressed share of the area")
+    assert page.cells[start : start + 6] == [
+        *page.cells[start : start + 1],
+        "",
+        "–",
+        "0.2",
+        "-",
+        "not recorded",
+    ]
+    start = page.cells.index("crest displacement / height")
+    assert page.cells[start + 3 : start + 6] == ["0.1", "-", "yes"]
+    start = page.cells.index("residual slip")
+    assert page.cells[start + 1 : start + 6] == ["joint_1", "0", "0.001", "m", "yes"]
+
+
 def test_plane_joints_have_profiles(tmp_path):
     nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
     joint = {

@@ -12,6 +12,7 @@ The block gains 4 - 2 m/s^2 for 0.5 s and loses 2 m/s^2 for as long: slip 0.25 +
 it stops at 1 s.
 """
 
+import csv
 import math
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from boxes import Rows
+from vtk_files import on_root
 
 import dolfinx_joints as dj
 from benchmarks.shared.scenes import mesh_of
@@ -156,3 +158,56 @@ def test_error_of_the_slip_falls_with_the_step():
     assert abs(errors[-1]) < 1e-4 * EXACT.final_slip
     for error, dt in zip(errors, steps, strict=True):
         assert abs(error - expected_error(dt)) < EXACT.yield_acceleration * dt**2 / 8.0
+
+
+@pytest.mark.parametrize("share", [1.0, 0.2])
+def test_checks_of_the_joint(comm, new_path, share):
+    """Check that the whole joint slides by 0.5 m, or, under a fifth of the pulse, nowhere.
+
+    The safety is then the ratio of yield acceleration and pulse, except for vibrations. The elastic
+    slip mu g rho HEIGHT / K_S is below a micrometre. The block stops at 1 s, so that the residual
+    slip, the mean over the last second, is the whole slip.
+    """
+    path, dt = new_path("block.h5"), 0.01
+    block = model("hex", LEVEL_MU, (0.0, 0.0, -LEVEL_GRAVITY))
+    points = {"top": (1.0, 0.5, 0.1 + HEIGHT)}
+    simulation = dj.Simulation(block, monitors=[dj.ResultsMonitor(path, points=points)])
+    simulation.statics()
+
+    def pulse(time):
+        return share * np.array(ground(time))
+
+    simulation.dynamics(dt=dt, steps=round(2.05 / dt), motion=pulse)
+
+    def look():
+        with dj.Results(path) as results:
+            limits = {"mean_slip": 0.6, "slid_area": 0.5, "sliding_safety": 1.1, "drift": 1.0}
+            table = dj.checks(results, "gravity", crest="top", **limits)
+            rows = {row.criterion: row for row in table}
+            slid = rows["share of the area that slid"]
+            mean = rows["mean of the largest slip of each point"]
+            safety, residual = rows["least sliding safety"], rows["residual slip"]
+            assert residual.met == "no limit"
+            assert rows["overstressed share of the area"].met == "not recorded"
+            assert mean.met == "yes"
+            if share == 1.0:
+                slip = EXACT.final_slip + expected_error(dt)
+                assert (slid.value, slid.met) == (pytest.approx(1.0), "no")
+                assert mean.value == pytest.approx(slip, rel=1e-3)
+                assert residual.value == pytest.approx(slip, rel=1e-3)
+                assert (safety.value, safety.met) == (pytest.approx(1.0), "no")
+                drift = rows["crest displacement / height"]
+                assert (drift.value, drift.met) == (pytest.approx(slip / 0.3, rel=1e-3), "no")
+                assert drift.where == "top, height 0.3 m"
+            else:
+                assert (slid.value, slid.met) == (0.0, "yes")
+                assert mean.value < 1e-5
+                assert (safety.value, safety.met) == (pytest.approx(2.5, rel=0.2), "yes")
+            table.write_csv(path.with_suffix(".csv"))
+            with path.with_suffix(".csv").open() as file:
+                cells = {row["criterion"]: row for row in csv.DictReader(file)}
+            assert float(cells["residual slip"]["value"]) == residual.value
+            assert cells["share of the area that slid"]["met"] == slid.met
+            assert "least sliding safety" in str(table)
+
+    on_root(comm, look)

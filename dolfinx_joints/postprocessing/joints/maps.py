@@ -20,9 +20,10 @@ from dolfinx_joints.postprocessing.joints.surface import (
     map_colours,
     map_limits,
     map_value,
+    state_of_map,
 )
 from dolfinx_joints.postprocessing.palette import GREY, OPEN, TIED
-from dolfinx_joints.results.arguments import check_results, chosen_state
+from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
@@ -58,7 +59,8 @@ def joint_maps(
 
     The state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or the
     static ``stage`` of this name or number. In maps of tractions open points are black. The slip is
-    the tangential gap. Tied points, at the end of a joint inside a body, are hatched.
+    the tangential gap. Tied points, at the end of a joint inside a body, are hatched. Quantities
+    ``largest_...`` are the largest values of each point over all steps, without a state.
     """
     return JointMaps(results, joints).draw(quantity, time, index, stage)
 
@@ -79,7 +81,7 @@ class JointMaps:
         self, quantity: MapQuantity, time: float | None, index: int = -1, stage: Any = None
     ) -> Figure:
         """Return the figure with the values of a quantity in a state, as in `joint_maps`."""
-        results, number, moment = chosen_state(self._results, time, index, stage)
+        results, number, moment = state_of_map(self._results, quantity, time, index, stage)
         values = {name: map_value(results, name, quantity, number) for name in self._surfaces}
         limits = map_limits(quantity, np.concatenate(list(values.values())))
         tied = np.concatenate([surface.tied for surface in self._surfaces.values()])

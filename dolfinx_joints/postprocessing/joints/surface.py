@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -13,14 +13,21 @@ from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.postprocessing.joints.extremes import open_points
 from dolfinx_joints.postprocessing.joints.unrolled import Unrolled, tangent_axes, unrolled
 from dolfinx_joints.postprocessing.palette import OPEN, colour_limits, colours, signed_colours
+from dolfinx_joints.results.arguments import chosen_state
 from dolfinx_joints.results.joint_points import Statics, gaps, tied_points
+from dolfinx_joints.results.quantities import TABLE
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
     from matplotlib.colors import ListedColormap
 
 Quantity = Literal["normal", "tangential", "ratio"]
-MapQuantity = Literal["normal", "tangential", "ratio", "opening", "slip", "state"]
+Largest = Literal[
+    "largest_opening", "largest_slip", "largest_pressure", "largest_tension", "largest_shear"
+]
+MapQuantity = Literal[Quantity, "opening", "slip", "state", Largest]
+# Rows of the stream ``joint_maxima`` by quantity.
+OVER_RUN = {f"largest_{row.key}": row for row in TABLE["joint_maxima"] if row.label}
 
 LABELS = {
     "normal": r"normal traction $t_n$ [MPa], tension $> 0$",
@@ -38,6 +45,7 @@ MAP_LABELS = LABELS | {
     "opening": "opening [mm]",
     "slip": "tangential gap [mm]",
     "state": "state of the points",
+    **{name: row.heading for name, row in OVER_RUN.items()},
 }
 # States in the order of their numbers in the file. Tied points have one colour in all maps.
 STATES = {
@@ -276,6 +284,18 @@ def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
     return pairs[np.stack([inside, crosses], axis=1).ravel()]
 
 
+def state_of_map(results: Results, quantity: MapQuantity, *state: Any) -> tuple[Results, int, str]:
+    """Return results, record and time in words of a map; ``state`` is as in `chosen_state`.
+
+    Quantities of the whole run have one record; ``state`` must have its default values.
+    """
+    if quantity not in OVER_RUN:
+        return chosen_state(results, *state)
+    if state != (None, -1, None):
+        raise ValueError(f"{quantity!r} is of all steps: do not give time, index or stage.")
+    return results, -1, "over the run"
+
+
 def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:
     """Return the value of each point in the unit of its label, shape (n,).
 
@@ -288,6 +308,8 @@ def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) 
 
 def _value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:
     """Return the result of `map_value`, but with the file's values at tied points."""
+    if row := OVER_RUN.get(quantity):
+        return row.factor * results.series("joint_maxima", f"{joint}/{row.key}", number)
     if quantity == "state":
         return results.series("states", f"joints/{joint}/status", number).astype(float)
     if quantity == "opening" or quantity == "slip":
@@ -307,7 +329,7 @@ def map_limits(quantity: MapQuantity, values: Floats) -> tuple[float, float]:
     if quantity == "state":
         return -0.5, len(STATES) - 0.5
     low, high = colour_limits(values)
-    never_negative = quantity in ("tangential", "opening", "slip")
+    never_negative = quantity in ("tangential", "opening", "slip", *OVER_RUN)
     return (0.0, 1.0) if never_negative and high == 0.0 else (low, high)
 
 

@@ -1,0 +1,154 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Table of the checks of a dam: criterion, place, value, limit, and whether the limit is met.
+
+Default limits are those of the linear criteria of USACE EM 1110-2-6053 (2007) and of Y. Ghanaat and
+A. Chudgar; check them against the edition that applies. Tension may be at most twice the dynamic
+tensile strength. The overstressed area may be 15 % of the section of a gravity dam, or 20 % of the
+surface of an arch dam. The time of overstress is limited by a line from 0.3 s (gravity dam) or
+0.4 s (arch dam) at a ratio of 1 to zero at 2.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Collection, Iterator
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import check_kind_of, real
+from dolfinx_joints.postprocessing.body import Body
+from dolfinx_joints.postprocessing.criteria.stresses import Found, StressRatios
+from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE
+from dolfinx_joints.postprocessing.frames import usual_reference
+from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
+from dolfinx_joints.postprocessing.measures import displacement_history, joint_measures
+from dolfinx_joints.results.arguments import COMPONENTS, check_results
+from dolfinx_joints.results.joint_points import free_areas
+from dolfinx_joints.results.reader import Results
+
+# By the name of the limit: criterion, unit, and limits of a gravity and an arch dam.
+CRITERIA: dict[str, tuple[str, str, float | None, float | None]] = {
+    "static_tension": ("static tension / static strength", "-", 1.0, 1.0),
+    "static_compression": ("static compression / strength", "-", 1.0, 1.0),
+    "tension": ("tension / dynamic strength", "-", 2.0, 2.0),
+    "compression": ("compression / strength", "-", 1.0, 1.0),
+    "overstressed_area": ("overstressed share of the area", "-", 0.15, 0.2),
+    "overstress_time": ("time of overstress", "s", 0.3, 0.4),
+    "sliding_safety": ("least sliding safety", "-", None, None),
+    "mean_slip": ("mean of the largest slip of each point", "m", None, None),
+    "slid_area": ("share of the area that slid", "-", None, None),
+    "residual_slip": ("residual slip", "m", None, None),
+    "drift": ("crest displacement / height", "-", None, None),
+}
+
+
+class Check(NamedTuple):
+    """Row of the table; ``met`` is yes, no, "no limit", or "not recorded" if the value is NaN."""
+
+    criterion: str
+    where: str
+    value: float
+    limit: float | None
+    unit: str
+    met: str
+
+
+class Checks(tuple[Check, ...]):
+    """Rows of the table, which prints as text."""
+
+    __slots__ = ()
+
+    def __str__(self) -> str:
+        rows = ([f"{c:.4g}" if isinstance(c, float) else c or "" for c in row] for row in self)
+        table = [list(Check._fields), *rows]
+        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+        return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in table)
+
+    def write_csv(self, path: str | PathLike[str]) -> None:
+        """Write the table to a CSV file."""
+        with Path(path).open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([Check._fields, *self])
+
+
+@checked
+def checks(
+    results: Results,
+    kind: Literal["gravity", "arch"],
+    *,
+    groups: Collection[str] | None = None,
+    crest: str | None = None,
+    **limits: Any,
+) -> Checks:
+    """Compare stresses, joints and crest of a run with limits.
+
+    A row without a recorded value or without a limit is not judged. Stresses need
+    ``ResultsMonitor(envelopes=..., strength=...)``. In 3-D record the faces of the dam, such as
+    ``envelopes=["upstream", "downstream"]``: the overstressed area is a share of them.
+
+    Args:
+        results: The run.
+        kind: Kind of the dam, for the default limits of `CRITERIA`.
+        groups: Cell groups whose stresses are compared; all by default.
+        crest: Monitor point whose largest horizontal displacement from the static state is compared
+            with its height above the lowest node of the groups.
+        limits: Limits by the names of `CRITERIA`, in SI units; None for no limit. The sliding
+            safety has a lower limit. The limit of ``overstress_time`` is that at a ratio of 1.
+    """
+    check_results(results)
+    for name, limit in limits.items():
+        fits = name in CRITERIA and (limit is None or real(limit) >= 0.0)
+        check_kind_of(name, limit, fits, f"a limit of zero or more of {', '.join(CRITERIA)}")
+    allowed = {name: row[2 if kind == "gravity" else 3] for name, row in CRITERIA.items()} | limits
+    values: list[Found] = [_drift(results, groups, crest)]
+    measures = joint_measures(results) if "states" in results.streams else {}
+    for joint, measured in measures.items():
+        values += _sliding(results, joint, measured["slip_residual"])
+    if DYNAMIC_TENSILE in results.statics:
+        values += StressRatios(results, groups).demands(allowed["overstress_time"])
+    rows = []
+    for name, (criterion, unit, *_) in CRITERIA.items():
+        missing: Found = (name, "", np.nan, None)
+        for _, where, value, limit in [row for row in values if row[0] == name] or [missing]:
+            limit = allowed[name] if limit is None else limit
+            met = "no limit" if limit is None else "yes"
+            if limit is not None and (value < limit if name == "sliding_safety" else value > limit):
+                met = "no"
+            met = "not recorded" if np.isnan(value) else met
+            rows.append(Check(criterion, where, float(value), limit, unit, met))
+    return Checks(rows)
+
+
+def _sliding(results: Results, joint: str, residual_slip: float) -> Iterator[Found]:
+    """Yield the values of a joint."""
+    extremes, areas = joint_extremes(results, joint), free_areas(results, joint)
+    row = np.where(np.isnan(extremes.safety), np.inf, extremes.safety).argmin()
+    where = f"{joint} at t = {extremes.time[row]:.3f} s"
+    yield "sliding_safety", where, extremes.safety[row], None
+    is_recorded = "joint_maxima" in results.streams and results.rows("joint_maxima")
+    for name, series in (("mean_slip", "slip"), ("slid_area", "slid")):
+        mean = np.nan
+        if is_recorded:
+            values = results.series("joint_maxima", f"{joint}/{series}", -1)
+            mean = float(values @ areas / areas.sum())
+        yield name, joint, mean, None
+    yield "residual_slip", joint, residual_slip, None
+
+
+def _drift(results: Results, groups: Collection[str] | None, crest: str | None) -> Found:
+    """Return the drift of the crest, relative to the ground."""
+    reference = usual_reference(results)
+    is_recorded = "histories" in results.streams and (reference or results.relative)
+    if crest is None or not is_recorded:
+        where = "no displacement relative to the ground" if crest else "no crest point given"
+        return "drift", where, np.nan, None
+    body, point = Body(results, groups), results.point_index(crest)
+    up = 1 if body.plane else 2
+    height = results.static("histories/points")[point, up] - body.nodes[body.seen, up].min()
+    moved = [displacement_history(results, crest, x, reference)[1] for x in COMPONENTS[:up]]
+    largest = np.linalg.norm(moved, axis=0).max()
+    return "drift", f"{crest}, height {height:.4g} m", largest / height, None

@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.arrays import Dealt, Floats
@@ -67,7 +68,7 @@ class StepSeries:
         if record.reservoir_force is not None:
             ground["reservoir_force"] = record.reservoir_force
         contact, joints, solve = self._model.contact, record.joints, record.solve
-        counts, parts, pressure = solve.counts if solve else None, tuple[Floats, ...](), None
+        counts, parts, pressure = solve.counts if solve else None, tuple[NDArray[Any], ...](), None
         if self._extremes is not None and joints is not None and contact is not None:
             cohesion = self._extremes.forces.cohesion(joints)
             sliding = joints.status >= Status.SLIP  # also closed without friction
@@ -159,7 +160,7 @@ class StepSeries:
         return values | ({STATIC_PART: everywhere(*static)} if static else {})
 
 
-def _stacked(arrays: Sequence[Floats]) -> Floats:
+def _stacked(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
     """Return arrays of equal shape as one array; `np.stack` takes longer for small arrays."""
     return np.concatenate(arrays).reshape(len(arrays), *arrays[0].shape)
 

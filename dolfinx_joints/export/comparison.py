@@ -81,8 +81,10 @@ class Comparison(NamedTuple):
         """Return a line for each quantity that differs, where it differs most."""
         lines = [*self.notes]
         lines += [f"Only in {n}: {listing(o)}." for n, o in zip("ab", self.only, strict=True) if o]
-        worst = {row.quantity: row for row in sorted(self.rows, key=lambda row: row.relative)}
-        rows = [row for row in worst.values() if row.difference][::-1]
+        worst: dict[str, Difference] = {}
+        for row in sorted(self.rows, key=lambda row: row.relative, reverse=True):
+            worst.setdefault(row.quantity, row)
+        rows = [row for row in worst.values() if row.difference]
         lines.append(f"{len(worst) - len(rows)} of {len(worst)} quantities are equal.")
         width = max((len(row.quantity + row.unit) for row in rows), default=0) + 3
         head = f"{'a':>13} {'b':>13} {'difference':>11} {'relative':>9} within  where"
@@ -122,6 +124,8 @@ def compare(
         one, other = map(_names, runs)
         rows = [*_measures(runs), *_series(runs, notes)]
     only = [[n for n in one if n not in other], [n for n in other if n not in one]]
+    if runs[0].complete != runs[1].complete:  # runs of which one has not ended are not equal
+        only[0 if runs[0].complete else 1].append("the end of the run")
     largest: dict[Any, float] = {}
     for row in sorted(rows, key=lambda row: row.scale):  # the largest one remains
         largest |= {row.quantity: row.scale, _group(row): row.scale}

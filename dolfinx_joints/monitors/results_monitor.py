@@ -62,8 +62,8 @@ class ResultsMonitor(Monitor):
         metadata: Further information on the run that can be stored as JSON.
         overwrite: Replace an existing file.
         envelopes: Record envelopes of principal, arch and cantilever stresses, including the static
-            state, on the whole boundary or on the named facet groups. Only for 3-D models; costs
-            one matrix-vector product per step.
+            state, on the whole boundary (in 2-D in all cells) or on the named facet groups. They
+            cost one matrix-vector product per step.
         strength: `Strength` of the body or by cell group for `checks`, to be given with
             ``envelopes``. Also records the time for which the largest principal stress exceeds
             1, 1.1, ... 2 times the dynamic tensile strength.

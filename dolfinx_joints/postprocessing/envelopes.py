@@ -102,18 +102,19 @@ def face_directions(nodes: ArrayLike, facets: ArrayLike) -> tuple[Floats, Floats
 class Strength:
     """Strength of concrete, for `checks`; it does not affect a run.
 
-    The default factor is that of J. M. Raphael, Tensile strength of concrete, ACI Journal 81
-    (1984), 158-165. Check it against the standard that applies.
+    In USACE's linear criteria the limit of 2 refers to the static tensile strength: twice this
+    strength is the apparent dynamic strength of J. M. Raphael, Tensile strength of concrete, ACI
+    Journal 81 (1984), 158-165. Their dynamic factor is therefore 1, the default.
 
     Attributes:
         tensile: Static tensile strength.
         compressive: Compressive strength, in statics and dynamics.
-        dynamic_factor: Dynamic tensile strength / static tensile strength.
+        dynamic_factor: Dynamic / static tensile strength, for limits that refer to the dynamic one.
     """
 
     tensile: Annotated[float, at.Gt(0), at.Unit("Pa")]
     compressive: Annotated[float, at.Gt(0), at.Unit("Pa")]
-    dynamic_factor: Annotated[float, at.Ge(1)] = 1.5
+    dynamic_factor: Annotated[float, at.Ge(1)] = 1.0
 
     @property
     def dynamic_tensile(self) -> float:

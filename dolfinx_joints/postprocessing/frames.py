@@ -112,7 +112,7 @@ def nodal_displacement(
     index: int | slice,
     relative_to: str | None = None,
     *,
-    from_static: bool = True,
+    from_static: bool = False,
 ) -> tuple[Floats, str]:
     """Return the displacement of all nodes at records of ``states``, and its zero and reference.
 

@@ -125,7 +125,7 @@ def deformed(
     stage: int | str | None = None,
     scale: float | None = None,
     relative_to: str | None = None,
-    from_static: bool = True,
+    from_static: bool = False,
     groups: Collection[str] | None = None,
     azimuths_deg: Azimuths = (DOWNSTREAM,),
     elevation_deg: Elevation = 24.0,
@@ -135,9 +135,10 @@ def deformed(
     Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``, by
     default a round number that draws the largest at about 6 % of the model's size.
 
-    Displacements are measured from the static state; with ``from_static=False``, and after a static
-    ``stage``, from the unloaded body. If the file has absolute displacements, the mean of the
-    lowest nodes is subtracted. ``relative_to`` subtracts the displacement of a monitor point or of
+    Displacements are measured from the unloaded body, so that open joints are drawn open. With
+    ``from_static`` they are measured from the static state, and joints show the change of their
+    opening since then. If the file has absolute displacements, the mean of the lowest nodes is
+    subtracted. ``relative_to`` subtracts the displacement of a monitor point or of
     the ``"ground"`` instead (`frames`). The colour bar names zero and reference.
 
     Cell ``groups`` such as ``["dam"]`` are opaque and fill the picture; others are translucent.

@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.postprocessing.criteria import checks as criteria
 from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE
 from dolfinx_joints.report.page import Section, paragraph, table
@@ -24,8 +27,12 @@ def checks(content: Content) -> Section:
     for run in content.runs:
         given = run.results.metadata.get("checks")
         if given is not None or DYNAMIC_TENSILE in run.results.statics:
-            arguments = {"kind": "gravity", "groups": run.groups, **(given or {})}
-            rows = criteria.checks(run.results, **arguments)
+            arguments = {"kind": "gravity"} | (given if isinstance(given, Mapping) else {})
+            try:
+                rows = criteria.checks(run.results, **arguments)
+            except (TypeError, ValueError, JointsError) as error:
+                pieces.append(paragraph(f"{run.label} cannot be checked: {error}"))
+                continue
             title = f"Checks, limits of {arguments['kind']} dams ({run.label})"
             pieces.append(table(title, criteria.Check._fields, rows))
     if not pieces:

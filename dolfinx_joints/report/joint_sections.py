@@ -107,8 +107,8 @@ def _maps(content: Content, run: Run) -> list[Html]:
     time, moment = largest_moment(run)
     if run.plane:
         return [
-            _profiles(content, "joints_largest", moment, time=time),
-            _profiles(content, "joints_opening", *_time_of_largest(run, "opening")),
+            _profiles(content, run, "joints_largest", moment, time=time),
+            _profiles(content, run, "joints_opening", *_time_of_largest(run, "opening")),
         ]
     start = float(run.results.time("states")[0])
     drawn: list[tuple[str, Any, float | None, str]] = [
@@ -156,7 +156,7 @@ def _of_last_stage(content: Content) -> list[Html]:
     area = _area(run)
     if run.plane:
         moment = f"the end of {run.results.stage_names[-1]}"
-        return [tables, area, _profiles(content, "joints_static", moment, stage=-1)]
+        return [tables, area, _profiles(content, run, "joints_static", moment, stage=-1)]
     shown, maps = [], JointMaps(run.results)
     for name, quantity, words in _OF_STAGE:
         picture = maps.draw(quantity, None, stage=-1)
@@ -166,11 +166,11 @@ def _of_last_stage(content: Content) -> list[Html]:
 
 
 def _profiles(
-    content: Content, name: str, moment: str, time: float | None = None, **stage: Any
+    content: Content, run: Run, name: str, moment: str, time: float | None = None, **stage: Any
 ) -> Html:
-    """Return values along the joints of the main plane run at a moment, described in words."""
-    drawn = plots.joint_profiles(content.main.results, time=time, **stage)
-    caption = f"Values along the joints at {moment}, {content.main.label}."
+    """Return values along the joints of a plane run at a moment, described in words."""
+    drawn = plots.joint_profiles(run.results, time=time, **stage)
+    caption = f"Values along the joints at {moment}, {run.label}."
     path = content.save(name, drawn, dpi=100)
     return figure([content.drawings.picture(path, caption)], caption)
 

@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Annotated
 
 import annotated_types as at
+import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, ResultsError
 from dolfinx_joints.common.files import replacing
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.report import opening, sections
 from dolfinx_joints.report.page import Drawings, page
 from dolfinx_joints.report.runs import Addition, Content, Run, linear_and_jointed, opened
@@ -48,6 +50,10 @@ def write(
     Raises:
         ResultsError: A file cannot be read, a package is missing, or ``out`` cannot be written.
     """
+    good = bars is None or (
+        isinstance(bars, Mapping) and all(np.shape(bar) == (2,) for bar in bars.values())
+    )
+    check_kind_of("bars", bars, good, "pairs of value and error by name, as in Accuracy.bars")
     target = Path(out)
     if target.suffix.lower() not in (".html", ".htm"):
         raise ResultsError(f"A report needs a file name that ends in .html, got {target}.")

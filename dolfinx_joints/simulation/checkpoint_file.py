@@ -30,7 +30,7 @@ from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.results.stream import write_whole
 
 FORMAT = "dolfinx_joints checkpoint"
-VERSION = 5
+VERSION = 6
 
 _MORE_BYTES = 1 << 12  # HDF5's metadata of an array.
 

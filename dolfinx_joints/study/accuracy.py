@@ -127,6 +127,8 @@ class Accuracy:
         notes = [f"Processor time: {', '.join(each_run)}; {total}."]
         if "no order" in kinds:
             notes.append("no order: the runs do not converge steadily; < is a cautious bound.")
+        if "not varied" in kinds:
+            notes.append("not varied: the error is without that of this direction.")
         if self.lacking:
             notes.append(f"Not in all runs, so without an error: {', '.join(self.lacking)}.")
         if "growth" in kinds:
@@ -142,6 +144,8 @@ def _share(error: float, value: float, bounded: bool) -> str:
     """Return an error as a share of the value, in words."""
     if not np.isfinite(error):
         return "no limit"
+    if error and not value:
+        return f"{error:.2g} of 0"
     percent = 100.0 * error / value if value else 0.0
     share = f"{percent:.0f} %" if percent >= 99.5 else f"{percent:.2g} %"
     return f"< {share}" if bounded else share
@@ -224,6 +228,8 @@ def _cases(
                 f"accuracy: {name} is {factors}; it must be two or more positive factors other "
                 "than 1, or empty."
             )
+    if not steps and not cells:
+        raise ValueError("accuracy: steps and cells are both empty; vary at least one of them.")
     band = min(ACCELERATION_BAND, 0.5 / (_LONG * dt))
     function = getattr(run, "__qualname__", type(run).__name__)
     given = {"size": size, "dt": dt, "band": band, "function": function}
@@ -255,6 +261,13 @@ def _errors(rows: list[Row], names: list[str], target: float) -> Table:
     steps, cells = _by_step(rows, given), _by_cell(rows, given, first)
     cost = Cost.fitted(*({x: run[_SECONDS] for x, run in runs.items()} for runs in (steps, cells)))
     orders = {"step": (steps, _STEP_ORDER), "cell": (cells, 2.0 * first.get(_DEGREE, 1.0))}
+    for direction, (runs, _) in orders.items():
+        others = [*runs.values()]
+        if names and len(others) > 1 and all(o[n] == others[0][n] for o in others for n in names):
+            raise StudyError(
+                f"No value changes with the {direction}: the function does not use it, or nothing "
+                "depends on it; then leave this direction out."
+            )
     lines: list[Row] = []
     for name in names:
         value = abs(first[name])

@@ -163,11 +163,11 @@ def fragility(
         value = np.where(np.isnan(value), np.nan, value > limit)
     if (
         (positive is None or value is None or positive.ndim != 1 or positive.shape != value.shape)
-        or not np.all(positive > 0.0)
+        or not np.all((positive > 0.0) & np.isfinite(positive))
         or np.any((value < 0.0) | (value > 1.0))
     ):
         raise ValueError(
-            "fragility needs positive intensities and as many "
+            "fragility needs finite, positive intensities and as many "
             f"{'fractions from 0 to 1' if limit is None else 'responses'}; got "
             f"{shown(intensity)} and {shown(response)}."
         )

@@ -99,6 +99,10 @@ def outer_surfaces(
     named: dict[int, str] = {}
     for name, where in surfaces.items():
         check_word("A surface", name)
+        if where == "" or name.startswith("joint_"):
+            raise ValueError(
+                f"The surface {name!r} needs a place, and a name that does not begin with joint_."
+            )
         faces, failure = _search(where, [f for f in solid_of if f not in named], solid_of, labels)
         if renamed := [face for face in faces if face in named]:
             faces, failure = [], f"this face is already {named[renamed[0]]!r}"

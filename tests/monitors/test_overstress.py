@@ -28,7 +28,7 @@ CONCRETE = dj.Elastic(young=25e9, poisson=0.2, density=2400.0)
 CHANGE, EXPANSION, PERIOD, DT = 10.0, 1e-5, 0.8, 0.01
 PEAK = (3 * CONCRETE.first_lame("strain") + 2 * CONCRETE.shear_modulus) * EXPANSION * CHANGE
 DCR = 1.65  # largest ratio of tension to dynamic tensile strength in the lower part
-STRENGTH = dj.Strength(tensile=PEAK / (1.5 * DCR), compressive=1.25 * PEAK)
+STRENGTH = dj.Strength(tensile=PEAK / (1.5 * DCR), compressive=1.25 * PEAK, dynamic_factor=1.5)
 ROWS, LOWER = 10, 4  # rows of cells, of which the lower ones have the strength
 
 

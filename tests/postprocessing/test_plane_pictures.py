@@ -79,7 +79,7 @@ def test_cells_fill_the_picture_with_y_upwards(results, scenes):
 def test_deformed_cells_and_both_sides_of_the_joint(results, scenes):
     figure = views.deformed(results, index=7, scale=50.0)
     u = results.series("states", "displacement")
-    layers, moved = scenes[0][0].layers, u[7] - u[0]
+    layers, moved = scenes[0][0].layers, u[7]
     positions = results.static("mesh/nodes") + 50.0 * moved
     np.testing.assert_allclose(layers[0][0].points, positions)
     size = layers[0][0].point_data["value"]
@@ -87,6 +87,12 @@ def test_deformed_cells_and_both_sides_of_the_joint(results, scenes):
     lines = [data for data, style in layers if data.n_lines and style.get("line_width") == 4.0]
     assert lines[0].n_lines == 2 * COLUMNS
     assert "displacements x 50" in figure.get_suptitle()
+    words = " ".join(figure.axes[-1].get_ylabel().split())
+    assert words == "displacement [mm] from the unloaded body relative to the ground"
+    since = views.deformed(results, index=7, scale=50.0, from_static=True)
+    assert "from the static state" in since.axes[-1].get_ylabel()
+    drawn = scenes[1][0].layers[0][0].points - results.static("mesh/nodes")
+    np.testing.assert_allclose(drawn, 50.0 * (u[7] - u[0]), atol=1e-12)
 
 
 def test_envelopes_are_drawn_in_the_whole_body(results, scenes):
@@ -127,6 +133,16 @@ def test_distances_along_an_inclined_joint():
     order, distance = along(points)
     np.testing.assert_array_equal(order, [0, 2, 1])
     np.testing.assert_allclose(distance, [0.0, 2.0, 4.0])
+
+
+def test_distances_along_a_shear_key():
+    # Down the wall of a key, 1 m wide and 1 m deep, along its bottom, and up: 3 m in all.
+    places = [(0.0, 1.0), (0.0, 0.5), (0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (1.0, 0.5), (1.0, 1.0)]
+    points = np.array([(x, y, 0.0) for x, y in places])
+    mixed = [3, 6, 0, 5, 2, 4, 1]
+    order, distance = along(points[mixed])
+    assert sorted([np.array(mixed)[order].tolist(), np.arange(7).tolist()])[0] == [*range(7)]
+    np.testing.assert_allclose(distance, 0.5 * np.arange(7))
 
 
 def test_maps_and_profiles_name_each_other(results):

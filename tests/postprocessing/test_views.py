@@ -248,7 +248,7 @@ def test_absolute_displacements_are_drawn_without_those_of_the_base(tmp_path: Pa
     np.testing.assert_allclose(np.unique(outer.point_data["value"]), [0.0, 2.0], atol=1e-9)
     words = figure.axes[-1].get_ylabel().split()
     relative = "relative to the mean of the base"
-    assert " ".join(words) == f"displacement [mm] from the static state {relative}"
+    assert " ".join(words) == f"displacement [mm] from the unloaded body {relative}"
     # 6 % of the diagonal of 4.9 m over 2 mm is 147, and 100 the round number below it.
     assert "displacements x 100\n" in figure.get_suptitle()
     # The crest is 1.3 mm x sin(2 pi 5.22) from the free surface at that time.

@@ -170,7 +170,7 @@ def test_the_body_in_space_is_without_the_motion_of_its_base(tmp_path):
     pytest.importorskip("pyvista")
     path = write_run(tmp_path / "waves.h5", waves=True)
     _, html = page_of([path], tmp_path, with_3d=True)
-    assert "from the static state, relative to the mean of the base" in html
+    assert "from the unloaded body, relative to the mean of the base" in html
     scene = data_of(html)["scene"][0]
     assert scene["largest"] == pytest.approx(2.0)  # mm, of 252
     last = unpacked(scene["frames"][-1]["displacement"]).reshape(-1, 3)
@@ -325,7 +325,7 @@ def test_checks_are_a_table_with_the_limits_of_the_file(plain, tmp_path):
     ]
     start = page.cells.index("crest displacement / height")
     assert page.cells[start + 3 : start + 6] == ["0.1", "-", "yes"]
-    start = page.cells.index("residual slip")
+    start = page.cells.index("residual slip, mean of the last second")
     assert page.cells[start + 1 : start + 6] == ["joint_1", "0", "0.001", "m", "yes"]
 
 

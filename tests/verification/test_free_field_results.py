@@ -179,7 +179,7 @@ def test_shapes_are_without_the_motion_of_the_base(results):
         shape, what = nodal_displacement(results, number)
         exact = displacement(time, heights) - displacement(time)
         np.testing.assert_allclose(shape[:, 0], exact, atol=4e-3 * LEFT)
-        assert what == "from the static state, relative to the mean of the base"
+        assert what == "from the unloaded body, relative to the mean of the base"
 
 
 @pytest.mark.mpi

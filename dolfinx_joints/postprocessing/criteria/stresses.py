@@ -50,6 +50,8 @@ class StressRatios:
     def _worst(self, name: str, stream: str, series: str, strength: str) -> Found:
         """Return the largest ratio of a series."""
         ratios = self._ratios(stream, series, strength)
+        if np.isnan(ratios).any():
+            return name, "a stress is not a number", np.nan, None
         record, row = np.argwhere(np.isclose(ratios, ratios.max(), *_WITHIN_ROUNDING))[0].tolist()
         stage = f"after {self._results.stage_names[record]}, " if stream == "statics" else ""
         return name, stage + self._place(row), ratios.max(), None
@@ -66,6 +68,8 @@ class StressRatios:
         share = 0.5 * np.linalg.norm(cross, axis=1) / faces.shape[1]
         area = np.bincount(faces.ravel(), np.repeat(share, faces.shape[1]), len(nodes))
         ratios = self._ratios("envelopes", "principal_max", "dynamic_tensile")[-1]
+        if not area.any() or np.isnan(ratios).any():
+            return "overstressed_area", "no faces with stresses at all vertices", np.nan, None
         over = area[self._nodes[ratios > 1.0]].sum() / area.sum()
         return "overstressed_area", f"of {area.sum():.4g} m²", over, None
 
@@ -77,6 +81,8 @@ class StressRatios:
         """
         levels = LEVELS[:1] if limit is None else LEVELS
         time = self._results.series("envelopes", "overstress_time", -1)[self._rows, : len(levels)]
+        if np.isnan(time).any():
+            return "overstress_time", "a time is not a number", np.nan, None
         limits = (1.0 if limit is None else limit) * (2.0 - levels)
         with np.errstate(divide="ignore"):
             ratio = np.divide(time, limits, out=np.zeros_like(time), where=time > 0.0)

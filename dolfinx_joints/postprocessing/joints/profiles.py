@@ -81,6 +81,13 @@ def along(points: Floats) -> tuple[Ints, Floats]:
     direction = np.linalg.svd(centred, full_matrices=False)[2][0]
     is_level = abs(direction[1]) < 0.1 * abs(direction[0])
     direction = direction * np.sign(direction[0] if is_level else direction[1])
-    order: Ints = np.argsort(centred @ direction, kind="stable")
+    following = int(np.argmin(centred @ direction))
+    unused, chain = np.ones(len(points), dtype=bool), []
+    for _ in range(len(points)):  # the nearest point that is left, also where the line turns back
+        chain.append(following)
+        unused[following] = False
+        distances = np.linalg.norm(points - points[following], axis=1)
+        following = int(np.argmin(np.where(unused, distances, np.inf)))
+    order: Ints = np.array(chain)
     steps = np.linalg.norm(np.diff(points[order], axis=0), axis=1)
     return order, np.append(0.0, np.cumsum(steps))

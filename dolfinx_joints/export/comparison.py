@@ -122,10 +122,11 @@ def compare(
         if first.relative != second.relative:
             notes.append("Motions are relative to the ground in one run, absolute in the other.")
         one, other = map(_names, runs)
+        failed = [run.status in ("failed", "stopped") for run in runs]
         rows = [*_measures(runs), *_series(runs, notes)]
     only = [[n for n in one if n not in other], [n for n in other if n not in one]]
-    if runs[0].complete != runs[1].complete:  # runs of which one has not ended are not equal
-        only[0 if runs[0].complete else 1].append("the end of the run")
+    if failed[0] != failed[1]:
+        only[1 if failed[0] else 0].append("the end of the run")
     largest: dict[Any, float] = {}
     for row in sorted(rows, key=lambda row: row.scale):  # the largest one remains
         largest |= {row.quantity: row.scale, _group(row): row.scale}

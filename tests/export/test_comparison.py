@@ -325,6 +325,11 @@ def test_an_unfinished_run_is_compared_up_to_its_end(run: Path, tmp_path: Path) 
     assert "states: compared at 3 common times of 5 and 3." in comparison.notes
     assert comparison.within
     assert not differing(comparison)
+
+    def fail(file: h5py.File) -> None:
+        file["status"][0] = b"failed"
+
+    assert not compare(run, changed(run, tmp_path, fail)).within
     judged = {row.within for row in comparison.rows if is_measure(row)}
     assert judged == {None}
     assert differing(comparison, measures=True)

@@ -91,7 +91,7 @@ def test_time_above_each_level_is_that_of_a_sine(comm, new_path):
 
             rows = {row.criterion: row for row in dj.checks(results, "gravity")}
             value = {name: row.value for name, row in rows.items()}
-            assert value["tension / dynamic strength"] == pytest.approx(DCR)
+            assert value["tension / strength"] == pytest.approx(DCR)
             assert value["compression / strength"] == pytest.approx(0.8)
             assert value["static tension / static strength"] == pytest.approx(0.0, abs=1e-9)
             # A row of vertices has the area of a row of cells, the lowest row half of it.

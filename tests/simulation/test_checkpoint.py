@@ -357,12 +357,12 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
     refused("is HDF5 but not a file of 'dolfinx_joints checkpoint'", resume=True)
 
     def newer():
-        monkeypatch.setattr(checkpoint_file, "VERSION", 6)
+        monkeypatch.setattr(checkpoint_file, "VERSION", 7)
         checkpoint_file.write_checkpoint(path, {})
         monkeypatch.undo()
 
     leave(newer)
-    refused("has the layout version 6; this program reads version 5", resume=True)
+    refused("has the layout version 7; this program reads version 6", resume=True)
     leave(lambda: checkpoint_file.write_checkpoint(path, {"run": {}}))
     refused("is not a checkpoint, or is damaged: 'monitors'", resume=True)
 

@@ -39,7 +39,12 @@ def powers(folder, *, size, dt):
 def failing(folder, *, size, dt):
     if size > 0.7 and not (folder.parents[1] / "cured").exists():
         raise ValueError("the cells are too large.")
-    return {"u [m]": dt}
+    return {"u [m]": dt + 0.1 * size}
+
+
+def without_step(folder, *, size, dt):
+    """Return a value that does not depend on the step."""
+    return {"u [m]": size}
 
 
 def same_file(folder, *, size, dt):
@@ -108,6 +113,13 @@ def test_a_failed_run_is_made_again(tmp_path):
     (path / "cured").touch()
     result = dj.accuracy(path, failing, **LEVELS, progress=False)
     assert result.table["step_order"] == pytest.approx([1.0], rel=1e-4)
+
+
+def test_a_function_that_does_not_use_the_step_is_refused(tmp_path):
+    with pytest.raises(StudyError, match="No value changes with the step: the function does not"):
+        dj.accuracy(tmp_path / "a", without_step, **LEVELS, progress=False)
+    with pytest.raises(ValueError, match="steps and cells are both empty"):
+        dj.accuracy(tmp_path / "b", powers, size=0.5, dt=0.1, steps=(), cells=(), progress=False)
 
 
 def test_runs_on_equal_cells_are_refused(tmp_path):

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.postprocessing.criteria import checks as criteria
@@ -27,7 +28,8 @@ def checks(content: Content) -> Section:
     for run in content.runs:
         given = run.results.metadata.get("checks")
         if given is not None or DYNAMIC_TENSILE in run.results.statics:
-            arguments = {"kind": "gravity"} | (given if isinstance(given, Mapping) else {})
+            arguments: dict[str, Any] = {"kind": "gravity"}
+            arguments |= given if isinstance(given, Mapping) else {}
             try:
                 rows = criteria.checks(run.results, **arguments)
             except (TypeError, ValueError, JointsError) as error:

@@ -83,5 +83,5 @@ figure
 # %%
 states = export.to_xarray(results, "states")
 pressure = (-states["traction"]).sel(axis="n").max("joint_point")
-print(f"largest pressure on a joint: {1e-6 * float(pressure.max()):.2f} MPa")
+print(f"largest pressure in the stored states: {1e-6 * float(pressure.max()):.2f} MPa")
 results.close()

@@ -28,7 +28,7 @@ def write_vtk(
     """Write the recorded states of a results file for ParaView, PyVista and VTK.
 
     ``NAME.vtkhdf`` contains the body in cells of the degree of the displacement. Its data are
-    ``displacement [m]`` and ``in GROUP [-]``, which is 1 in the cells of a group.
+    ``displacement [m]`` from the unloaded body, and ``in GROUP [-]``, 1 in the cells of a group.
 
     ``NAME_joints.vtkhdf`` contains the joints, one polygon per joint point. Its data are
     ``displacement [m]`` (mean of both faces), ``gap [m]`` and ``traction [Pa]`` in local axes

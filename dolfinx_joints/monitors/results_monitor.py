@@ -324,7 +324,7 @@ class ResultsMonitor(Monitor):
     ) -> None:
         """Continue the file and discard records after ``last`` (collective)."""
         for name, setting in self._settings.items():
-            saved = state_dict["settings"].get(name, False)  # False in older checkpoints
+            saved = state_dict["settings"][name]
             if saved != setting:
                 raise OtherRunError(
                     f"{self._path} cannot be continued: the file was recorded with {name}={saved}, "

@@ -39,7 +39,7 @@ class StepSeries:
     Attributes:
         last: Time [s] and velocities of all points [m/s] of the last step taken.
         resultants: Resultants of joints and blocks if they are recorded.
-        static: Whether the static part of the displacement is recorded.
+        static: True if the static part of the displacement is recorded.
     """
 
     resultants: ResultantsStream | None = None

@@ -35,7 +35,7 @@ class Stream:
 
     def __init__(self, parent: h5py.Group, name: str, rows: int) -> None:
         """Create the stream for an expected number of ``rows``; more are possible."""
-        self.name, self.waiting, self._expected = name, 0, rows
+        self.name, self.waiting, self._expected = name, 0, max(1, rows)
         self._last = -np.inf
         self._group = parent.create_group(name)
         self._datasets: dict[str, h5py.Dataset] = {}

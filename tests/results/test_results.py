@@ -156,7 +156,9 @@ def test_flushes_follow_the_work_and_not_the_clock(
         assert writer.records == {"run": 600}
 
 
-@pytest.mark.parametrize(("rows", "chunk"), [(41, 41), (1024, 1024), (1100, 550), (None, 256)])
+@pytest.mark.parametrize(
+    ("rows", "chunk"), [(0, 1), (41, 41), (1024, 1024), (1100, 550), (None, 256)]
+)
 def test_chunks_fit_the_expected_rows(tmp_path: Path, rows: int | None, chunk: int) -> None:
     """Chunks are equal, with at most 1024 rows and 64 kB: 1100 rows are two chunks of 550."""
     expected = {} if rows is None else {"rows": {"run": rows}}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from dolfinx_joints.common.arrays import Floats, Ints
+from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.joints.extremes import open_points
 from dolfinx_joints.postprocessing.joints.unrolled import Unrolled, tangent_axes, unrolled
 from dolfinx_joints.postprocessing.palette import OPEN, colour_limits, colours, signed_colours
@@ -293,6 +294,11 @@ def state_of_map(results: Results, quantity: MapQuantity, *state: Any) -> tuple[
         return chosen_state(results, *state)
     if state != (None, -1, None):
         raise ValueError(f"{quantity!r} is of all steps: do not give time, index or stage.")
+    if "joint_maxima" not in results.streams or not results.rows("joint_maxima"):
+        raise ResultsError(
+            f"{results.path} has no {quantity!r}: the run has not ended, or an earlier version "
+            "wrote the file."
+        )
     return results, -1, "over the run"
 
 

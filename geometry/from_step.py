@@ -40,7 +40,8 @@ from dolfinx_joints.geometry.meshing.step_options import (
 
 _NAMELESS = "Open CASCADE STEP translator"  # label that Open CASCADE writes for unnamed solids
 _FUZZY = "Geometry.ToleranceBoolean"
-_OPTIONS = {"Geometry.OCCImportLabels": 1, "Geometry.OCCScaling": 1e-3, _FUZZY: 0.0}
+_BOUNDS = "Geometry.OCCBoundsUseStl"  # otherwise boxes contain the control points of splines
+_OPTIONS = {"Geometry.OCCImportLabels": 1, "Geometry.OCCScaling": 1e-3, _FUZZY: 0.0, _BOUNDS: 1}
 JOINED = 1e-6  # faces at a smaller distance, relative to the body's extent, are joined
 NEAR = 2e-3  # wider gaps between faces are assumed to be intended [m]
 

@@ -133,7 +133,8 @@ def _search(
         level = float({"min": low[k], "max": high[k]}.get(str(value), value))
         return [f for f in unnamed if np.abs(box[f][:, k] - level).max() < 1e-2 * near], (
             f"no unnamed outer face lies in that plane; the body reaches from {where[0]} = "
-            f"{low[k]:.6g} to {high[k]:.6g} m"
+            f"{low[k]:.6g} to {high[k]:.6g} m. A direction with an angle has a sign, such as "
+            f"'+{where[0]}'"
         )
     if _is_at_axis(where, _DIRECTIONS) and real(where[1]) > 0:
         angle = {face: _angle(face, solid_of[face], str(where[0]), near) for face in unnamed}

@@ -144,7 +144,7 @@ def arch_dam(comm, folder):
         mesh = from_step(
             folder.with_suffix(".msh"),
             arch_step(folder.with_suffix(".step")),
-            size=4.0,
+            size=6.0,
             surfaces={
                 "upstream": ("+x", 80.0),
                 "right": ("y", "min"),

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
-from dolfinx_joints.postprocessing.frames import ZEROS, static_displacement
+from dolfinx_joints.postprocessing.frames import static_displacement, zero_name
 from dolfinx_joints.postprocessing.joints.resultants import (
     block_resultants,
     joint_resultants,
@@ -90,7 +90,7 @@ def _stages(results: Results) -> Table:
     columns: list[tuple[str, str, Any]] = [("load time", "s", [s.load_time for s in stages])]
     for point in results.point_names:
         values = np.array([s.displacement[point] for s in stages])
-        columns += _vector(f"displacement of {point} {ZEROS[False]}", "m", values)
+        columns += _vector(f"displacement of {point} from the unloaded body", "m", values)
     for group in stages[0].reaction:
         values = np.array([s.reaction[group] for s in stages])
         columns += _vector(f"reaction of {group}", "N", values)
@@ -145,7 +145,7 @@ def _histories(results: Results) -> Table:
         zero = ""
         if name == "displacement":
             values = values - static_displacement(results, "point_displacement")
-            zero = f" {ZEROS[True]}"
+            zero = f" {zero_name(results)}"
         for i, point in enumerate(results.point_names):
             columns += _vector(f"{motion} of {point}{zero}", unit, values[:, i])
     motions = _columns(columns)
@@ -159,14 +159,15 @@ def _peaks(results: Results) -> Table:
     peaks: list[tuple[str, str, Peak]] = []
     quantity = "displacement" if results.relative else "absolute displacement"
     for point in results.point_names:
-        label = f"{quantity} of {point} {ZEROS[True]}"
+        label = f"{quantity} of {point} {zero_name(results)}"
         peaks.append((label, "m", displacement_peak(results, [point])))
         if "acceleration" in results.streams["histories"]:
             label = f"absolute acceleration of {point} up to {common_band(results):.3g} Hz"
             peaks.append((label, "m/s^2", acceleration_peak(results, [point])))
     for joint in results.joints if "states" in results.streams else ():
         for name, peak in joint_peaks(results, joint).items():
-            peaks.append((f"{name} of {joint}", row_of("joints", f"{joint}/{name}")[0].unit, peak))
+            label = f"{name} of {joint}" + (f" {zero_name(results)}" if name == "slip" else "")
+            peaks.append((label, row_of("joints", f"{joint}/{name}")[0].unit, peak))
     header = ["peak", "value", "unit", "time [s]", "component", "x [m]", "y [m]", "z [m]"]
     rows = [
         [label, peak.value, unit, peak.time, peak.name[-1:], *map(float, peak.place)]
@@ -208,7 +209,8 @@ def _resultants(results: Results) -> Table:
 
 def _joint_extremes(results: Results) -> Table:
     extremes = {joint: joint_extremes(results, joint) for joint in results.joints}
-    rows = rows_below("joints", "*/")
+    slip = f"largest slip {zero_name(results)}"
+    rows = [replace(r, label=slip) if r.key == "slip" else r for r in rows_below("joints", "*/")]
     return _stack("joint", {n: _time_table(rows, e.values, e.time) for n, e in extremes.items()})
 
 

@@ -53,6 +53,11 @@ RANGES = {
     "gravity": Range(1.0, 9.81, 30.0, "m/s^2"),
     "sound_speed": Range(300.0, 1440.0, 6000.0, "m/s", {"km/s": 1e3}),
 }
+# Strengths of `Strength`, from fill to high-strength concrete.
+STRENGTHS = {
+    "tensile": Range(1e4, 2e6, 3e7, "Pa", {"MPa": 1e6, "kPa": 1e3}),
+    "compressive": Range(1e5, 25e6, 3e8, "Pa", {"MPa": 1e6, "kPa": 1e3}),
+}
 GROUT_PRESSURE = Range(1e3, 5e5, 3e7, "Pa", {"MPa": 1e6, "bar": 1e5, "kPa": 1e3})
 KELVIN = 273.15
 EXTENT = Range(0.01, 100.0, 2e4, "m", {"mm": 1e-3, "cm": 1e-2})
@@ -106,6 +111,20 @@ def warn_of_overlaps(comm: Any, overlaps: Mapping[str, float]) -> list[str]:
 def warn_of_grout(comm: Any, pressure: float) -> None:
     """Warn of an implausible grouting pressure [Pa], on rank 0."""
     doubt(comm, *_out_of_range("grout: pressure", pressure, GROUT_PRESSURE))
+
+
+def warn_of_strengths(comm: Any, strengths: Mapping[str, Any]) -> list[str]:
+    """Warn of implausible strengths by cell group, and return the warnings; on rank 0."""
+    texts = []
+    for group, strength in strengths.items():
+        owner = f"Strength of {group}" if group else "Strength"
+        for name, plausible in STRENGTHS.items():
+            texts += _out_of_range(f"{owner}: {name}", getattr(strength, name), plausible)
+        if strength.compressive < strength.tensile:
+            numbers = f"{strength.compressive:g} Pa, less than tensile {strength.tensile:g} Pa"
+            texts.append(f"{owner}: compressive is {numbers}; are they interchanged?")
+    doubt(comm, *texts)
+    return texts if comm.rank == 0 else []
 
 
 def _parameters(given: Any) -> Iterator[tuple[str, Any]]:

@@ -52,14 +52,14 @@ from dolfinx_joints.postprocessing.axes import (
 )
 from dolfinx_joints.postprocessing.energy_lines import WAVES, energy_lines, waves_at_end
 from dolfinx_joints.postprocessing.frames import (
-    ZEROS,
     common_frame,
     frame_name,
     ground_motion,
     ground_name,
     has_ground_motion,
+    zero_name,
 )
-from dolfinx_joints.postprocessing.joints.extremes import drawn_series
+from dolfinx_joints.postprocessing.joints.extremes import drawn_series, series_heading
 from dolfinx_joints.postprocessing.joints.maps import TIED_STYLE, draw_map
 from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
 from dolfinx_joints.postprocessing.joints.panels import joint_panels as joint_panels
@@ -129,13 +129,14 @@ def history(
 ) -> Axes:
     """Draw the displacement of a monitor point from the static state against time [mm].
 
-    With ``from_static=False`` it is the displacement from the unloaded body.
+    In files without static stages it is the displacement from the first record. With ``from_static=False`` it is the displacement from the unloaded body.
     """
-    ax, drawn = ax or new_axes(), runs(results, reference, labels)
+    ax, drawn, zeros = ax or new_axes(), list(runs(results, reference, labels)), {}
     for run, style in drawn:
+        zeros[style["label"]] = zero_name(run, relative_to, from_static=from_static)
         record = displacement_history(run, point, component, relative_to, from_static=from_static)
         ax.plot(record[0], 1e3 * record[1], **style)
-    decorate(ax, "time [s]", f"displacement {component}\n{ZEROS[from_static]} [mm]")
+    decorate(ax, "time [s]", f"displacement {component}\n{common_frame(zeros)} [mm]")
     title = f"{point_name(results, point)}: displacement {component}"
     has_reference = reference is not None
     entitle(ax, f"{title}, {_frames(drawn, relative_to)}", over_legend=has_reference)
@@ -358,7 +359,7 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
             label = f"{joint}: {extreme:.3g}{unit} at {at_time:.6g} s"
             ax.plot(time, values, color=BLUE, linewidth=1.1, label=label)
             legend(ax, "above")
-        decorate(ax, "time [s]" if least else "", row.heading.replace(" [", "\n["))
+        decorate(ax, "time [s]" if least else "", series_heading(row, results).replace(" [", "\n["))
         ax.margins(x=0.0)
         ax.set_ylim(bottom=lowest)
     panels[-1].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")

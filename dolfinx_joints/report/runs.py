@@ -7,20 +7,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.errors import ResultsError, warn
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.body import jointed_groups
-from dolfinx_joints.postprocessing.frames import reference_displacement, usual_reference
+from dolfinx_joints.postprocessing.frames import common_frame, usual_reference, zero_name
 from dolfinx_joints.postprocessing.joints.surface import is_plane
+from dolfinx_joints.postprocessing.peaks import CREST_ACCELERATION, main_values
 from dolfinx_joints.report.page import Drawings, Section, paragraph, plain
-from dolfinx_joints.results.arguments import Component
-from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.arguments import COMPONENTS, Component
+from dolfinx_joints.results.reader import Results, listing
 
 _ENDINGS = (".h5", ".hdf5")
 
@@ -173,6 +175,32 @@ def linear_and_jointed(runs: Sequence[Run]) -> tuple[Run | None, Run]:
     return None, (with_joints or moving)[0]
 
 
+def zeros(runs: Iterable[Run]) -> str:
+    """Return the state from which shown displacements count, by run if they differ."""
+    return common_frame({run.label: zero_name(run.results, run.relative_to) for run in runs})
+
+
+def check_bars(
+    runs: Sequence[Run], bars: Mapping[str, tuple[float, float]], band: float
+) -> None:
+    """Raise a ValueError for a name that no run has, and warn of values that no run has.
+
+    Names are those of `main_values`; accelerations may be in another band [Hz].
+    """
+    own = [main_values(run.results, band=band) for run in runs]
+    known = sorted({name for values in own for name in values})
+    unshown, any_band = [], CREST_ACCELERATION.partition("{")[0]
+    for name, (given, error) in bars.items():
+        if name not in known and not name.startswith(any_band):
+            raise ValueError(f"bars: no run has a value {name!r}; there are {listing(known)}.")
+        good = np.isfinite(given) and error >= 0.0
+        check_kind_of(f"bars: {name!r}", (given, error), good, "a number and an error of 0 or more")
+        if not any(np.isclose(v.get(name, np.nan), given, rtol=1e-6, atol=0.0) for v in own):
+            unshown.append(name)
+    if unshown:
+        warn(f"Error bars that are not shown, as the runs have other values: {listing(unshown)}.")
+
+
 def largest_moment(run: Run) -> tuple[float, str]:
     """Return the time [s] of the recorded state with the first point's largest displacement.
 
@@ -182,12 +210,11 @@ def largest_moment(run: Run) -> tuple[float, str]:
     moments = results.time("states")
     if not run.has("histories", "displacement"):
         return float(moments[-1]), "the last record"
-    u = results.series("histories", "displacement")[:, 0]
-    u = u - reference_displacement(results, run.relative_to)
-    times = results.time("histories")
-    rows = [int(np.argmin(np.abs(times - moment))) for moment in moments]
-    largest = int(np.argmax(np.linalg.norm(u[rows] - u[0], axis=1)))
-    words = f"the largest displacement of {results.point_names[0]} from the static state"
+    history = partial(measures.displacement_history, results, 0, relative_to=run.relative_to)
+    u = np.stack([history(component)[1] for component in COMPONENTS], axis=1)
+    rows = [results.nearest("histories", float(moment)) for moment in moments]
+    largest = int(np.argmax(np.linalg.norm(u[rows], axis=1)))
+    words = f"the largest displacement of {results.point_names[0]} {zeros([run])}"
     return float(moments[largest]), f"{words} among the recorded states"
 
 

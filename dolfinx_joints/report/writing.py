@@ -19,7 +19,14 @@ from dolfinx_joints.common.files import replacing
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.report import opening, sections
 from dolfinx_joints.report.page import Drawings, page
-from dolfinx_joints.report.runs import Addition, Content, Run, linear_and_jointed, opened
+from dolfinx_joints.report.runs import (
+    Addition,
+    Content,
+    Run,
+    check_bars,
+    linear_and_jointed,
+    opened,
+)
 
 
 @checked
@@ -42,13 +49,14 @@ def write(
         with_3d: Include the 3-D view and pictures of the body, the largest part of the file.
         add: Function that returns further sections and the runs to compare.
         bars: Error bars of the main results, `Accuracy.bars`. An error is shown next to each value
-            that equals a value of the study.
+            that equals a value of the study; a warning names values that no run has.
 
     Returns:
         The path of the HTML file.
 
     Raises:
         ResultsError: A file cannot be read, a package is missing, or ``out`` cannot be written.
+        ValueError: No run has a value of a name in ``bars``, or a number is not allowed.
     """
     good = bars is None or (
         isinstance(bars, Mapping) and all(np.shape(bar) == (2,) for bar in bars.values())
@@ -69,6 +77,8 @@ def write(
         ordered = [*first, *(run for run in runs if run not in first)]
         drawings = Drawings(picture_folder(target))
         content = Content(ordered, drawings, main, reference)
+        if bars:
+            check_bars(runs, bars, content.band)
         shown = sections.ordered(content, added, of_body=with_3d)
         top = opening.opening(content, added.note, of_body=with_3d)
         html = page(_title(runs), top, shown, drawings)

@@ -52,6 +52,21 @@ def gaps(results: Results, stream: str, joint: str, index: int | slice = slice(N
     return np.where(tied_points(results, joint)[:, None], 0.0, gap)
 
 
+def zero_of(results: Results) -> str:
+    """Return the name of the state from which displacements and slips count.
+
+    It is the last static stage or, in files without stages, the first record.
+    """
+    return "static state" if results.stage_names else "first record"
+
+
+def zero_gap(results: Results, joint: str) -> Floats:
+    """Return the gaps of the state `zero_of`, shape (1, n, 3), or (0, n, 3) without records [m]."""
+    if results.stage_names:
+        return gaps(results, "statics", joint, -1)[None]
+    return gaps(results, "states", joint, slice(1))
+
+
 def joint_area(results: Results) -> str:
     """Return the area of all joints as text, with the tied share if it is not zero."""
     area, free = 0.0, 0.0

@@ -206,7 +206,7 @@ class Results(Summarised):
 
     @checked
     def stage_index(self, stage: int | str) -> int:
-        """Return the record in the stream ``statics`` of a stage given by its name or number.
+        """Return the record in the stream ``statics`` of a stage given by its name or number from 0.
 
         Negative numbers count from the end. Of several stages of one name the last is returned.
         """
@@ -216,7 +216,8 @@ class Results(Summarised):
         if not isinstance(stage, str) and -len(names) <= stage < len(names):
             return stage % len(names)
         raise ResultsError(
-            f"No static stage {shown(stage)} in {self.path}; it has {listing(names)}."
+            f"No static stage {shown(stage)} in {self.path}; it has "
+            f"{listing(f'{number} ({name})' for number, name in enumerate(names))}."
         )
 
     def static(self, name: str) -> NDArray[Any]:

@@ -47,6 +47,8 @@ CRITERIA: dict[str, tuple[str, str, float | None, float | None]] = {
     "drift": ("crest displacement / height", "-", None, None),
 }
 
+_NO_HEIGHT = 1e-6  # height of a crest point / height of the body that counts as zero
+
 
 class Check(NamedTuple):
     """Row of the table.
@@ -159,7 +161,10 @@ def _drift(results: Results, groups: Collection[str] | None, crest: str | None) 
         return "drift", where, np.nan, None
     body, point = Body(results, groups), results.point_index(crest)
     up = 1 if body.plane else 2
-    height = results.static("histories/points")[point, up] - body.nodes[body.seen, up].min()
+    lowest = body.nodes[body.seen, up].min()
+    height = results.static("histories/points")[point, up] - lowest
+    if height <= _NO_HEIGHT * np.ptp(body.nodes[:, up]):
+        return "drift", f"{crest} is not above the lowest node of the groups", np.nan, None
     moved = [displacement_history(results, crest, x, reference)[1] for x in COMPONENTS[:up]]
     largest = np.linalg.norm(moved, axis=0).max()
     return "drift", f"{crest}, height {height:.4g} m", largest / height, None

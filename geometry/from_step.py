@@ -78,8 +78,8 @@ def from_step(
         tied: pairs (A, B) of volumes that are connected without a joint.
         surfaces: names of outer faces, with the plane that contains them such as ("z", "min") or
             ("x", 3.0), a direction and the largest angle to their mean outward normals, below
-            90 degrees, such as ("-x", 40.0), a point (x, y, z) on one face [m], or the name of a face in the
-            file.
+            90 degrees, such as ("-x", 40.0), a point (x, y, z) on one face [m], or the name of a
+            face in the file.
         gui: show the mesh in Gmsh's window afterwards.
         duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 

@@ -49,9 +49,7 @@ def frame_name(results: Results, relative_to: str | None = None) -> str:
     return f"relative to {relative_to}"
 
 
-def zero_name(
-    results: Results, relative_to: str | None = None, *, from_static: bool = True
-) -> str:
+def zero_name(results: Results, relative_to: str | None = None, *, from_static: bool = True) -> str:
     """Return the state from which displacements count, in words, such as "from the static state".
 
     The displacement of a free surface is known only since the first record.
@@ -168,9 +166,7 @@ def nodal_displacement(
     return u, f"{zero}, {frame_name(results, relative_to)}"
 
 
-def static_displacement(
-    results: Results, series: str, relative_to: str | None = None
-) -> Floats:
+def static_displacement(results: Results, series: str, relative_to: str | None = None) -> Floats:
     """Return the displacement of the state in `zero_name`, shape (nodes or points, 3), [m].
 
     Args:

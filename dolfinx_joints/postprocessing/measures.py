@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Response measures of a run, from its results file: histories, peaks, spectra, joints.
 
-Displacements and slips count from the last static stage or, in files without stages, from the first
-record (`frames.zero_name`); both are called the static state here. Displacements are relative to the
-ground or, if the ground moves within the model, absolute (``results.relative``). ``relative_to``
-subtracts the displacement of a monitor point or of the ``"ground"`` (`frames`). Points are given by
-name or number. Components are x (stream), y (cross-valley) and z (up). Missing data raise a
-:class:`ResultsError`.
+Displacements and slips count from the last static stage or, in files without stages, from the
+first record (`frames.zero_name`); both are called the static state here. Displacements are relative
+to the ground or, if the ground moves within the model, absolute (``results.relative``).
+``relative_to`` subtracts the displacement of a monitor point or of the ``"ground"`` (`frames`).
+Points are given by name or number. Components are x (stream), y (cross-valley) and z (up). Missing
+data raise a :class:`ResultsError`.
 """
 
 from __future__ import annotations

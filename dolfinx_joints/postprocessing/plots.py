@@ -129,7 +129,8 @@ def history(
 ) -> Axes:
     """Draw the displacement of a monitor point from the static state against time [mm].
 
-    In files without static stages it is the displacement from the first record. With ``from_static=False`` it is the displacement from the unloaded body.
+    In files without static stages it is the displacement from the first record. With
+    ``from_static=False`` it is the displacement from the unloaded body.
     """
     ax, drawn, zeros = ax or new_axes(), list(runs(results, reference, labels)), {}
     for run, style in drawn:

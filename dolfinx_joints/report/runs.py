@@ -180,19 +180,17 @@ def zeros(runs: Iterable[Run]) -> str:
     return common_frame({run.label: zero_name(run.results, run.relative_to) for run in runs})
 
 
-def check_bars(
-    runs: Sequence[Run], bars: Mapping[str, tuple[float, float]], band: float
-) -> None:
+def check_bars(runs: Sequence[Run], bars: Mapping[str, tuple[float, float]], band: float) -> None:
     """Raise a ValueError for a name that no run has, and warn of values that no run has.
 
     Names are those of `main_values`; accelerations may be in another band [Hz].
     """
     own = [main_values(run.results, band=band) for run in runs]
-    known = sorted({name for values in own for name in values})
+    allowed = sorted({name for values in own for name in values})
     unshown, any_band = [], CREST_ACCELERATION.partition("{")[0]
     for name, (given, error) in bars.items():
-        if name not in known and not name.startswith(any_band):
-            raise ValueError(f"bars: no run has a value {name!r}; there are {listing(known)}.")
+        if name not in allowed and not name.startswith(any_band):
+            raise ValueError(f"bars: no run has a value {name!r}; there are {listing(allowed)}.")
         good = np.isfinite(given) and error >= 0.0
         check_kind_of(f"bars: {name!r}", (given, error), good, "a number and an error of 0 or more")
         if not any(np.isclose(v.get(name, np.nan), given, rtol=1e-6, atol=0.0) for v in own):

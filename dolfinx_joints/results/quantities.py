@@ -27,7 +27,8 @@ class JointPoints(NamedTuple):
 
     Attributes:
         gap: Components (n, s1, s2), shape (..., points, 3), [m].
-        slip: Tangential gap since the last static stage, or since the first record without one, shape (..., points, 2), [m].
+        slip: Tangential gap since the last static stage, without stages since the first record,
+            shape (..., points, 2), [m].
         traction: Components (n, s1, s2), shape (..., points, 3), [Pa].
         cohesion: Cohesion where a bond is intact, zero elsewhere, shape (..., points), [Pa].
     """

@@ -206,9 +206,10 @@ class Results(Summarised):
 
     @checked
     def stage_index(self, stage: int | str) -> int:
-        """Return the record in the stream ``statics`` of a stage given by its name or number from 0.
+        """Return the record in the stream ``statics`` of a stage given by its name or number.
 
-        Negative numbers count from the end. Of several stages of one name the last is returned.
+        Numbers start at 0; negative ones count from the end. Of several stages of one name the last
+        is returned.
         """
         names = self.stage_names
         if isinstance(stage, str) and stage in names:

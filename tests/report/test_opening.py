@@ -93,6 +93,18 @@ def test_error_bars_are_next_to_the_values_of_their_run(tmp_path):
     assert opening == "3.000 grows with finer cells, 1 s at (0.5, 0, 1.5) m"
 
 
+def test_error_bars_without_a_place_are_refused_or_named(tmp_path):
+    file, name = write_run(tmp_path / "r.h5"), "joint_1: opening [m]"
+    with pytest.raises(ValueError, match="no run has a value 'openning'; there are .*crest"):
+        cells_of([file], tmp_path, bars={"openning": (3e-3, 1e-4)})
+    for bar in ((np.nan, 1e-4), (3e-3, np.nan), (3e-3, -1.0)):
+        with pytest.raises(ValueError, match="it must be a number and an error of 0 or more"):
+            cells_of([file], tmp_path, bars={name: bar})
+    other_band = "crest acceleration below 12.5 Hz [m/s^2]"
+    with pytest.warns(UserWarning, match=r"not shown, .*: crest acceleration.*, joint_1: opening"):
+        cells_of([file], tmp_path, bars={other_band: (1.0, 0.1), name: (2e-3, 1e-4)})
+
+
 @pytest.mark.parametrize("heights", [[10.0, 9.95, 4.0, 0.0], [10.0, 10.0 + 2e-15]])
 def test_the_crest_is_the_highest_points(tmp_path, heights):
     points = [[0.0, 5.0, height] for height in heights]
@@ -119,9 +131,9 @@ def test_largest_tension_has_its_place(tmp_path):
     assert after(cells, "e", "largest tension since the first record [MPa]", 1) == [
         f"2.000 at ({x:g}, {y:g}, {z:g}) m"
     ]
-    assert after(cells, "e", "largest compression since the first record [MPa]", 1)[
-        0
-    ].startswith("-2.000 at ")
+    assert after(cells, "e", "largest compression since the first record [MPa]", 1)[0].startswith(
+        "-2.000 at "
+    )
 
 
 def test_a_file_with_joints_and_no_records_is_reported(tmp_path):

@@ -105,8 +105,10 @@ def checks(
             reports; all if no group has joints.
         crest: Monitor point whose largest horizontal displacement from the static state is compared
             with its height above the lowest node of the groups.
-        limits: Limits by the names of `CRITERIA`, in SI units; None for no limit. The sliding
-            safety has a lower limit. The limit of ``overstress_time`` is that at a ratio of 1.
+        limits: Limits in SI units, None for no limit: ``static_tension``, ``static_compression``,
+            ``tension``, ``compression``, ``overstressed_area``, ``overstress_time`` (at a ratio of
+            1), ``sliding_safety`` (a lower limit), ``mean_slip``, ``slid_area``, ``residual_slip``,
+            ``drift``.
     """
     check_results(results)
     if groups is None and "mesh/cells" in results.statics:

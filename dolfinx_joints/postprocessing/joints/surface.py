@@ -298,8 +298,8 @@ def state_of_map(results: Results, quantity: MapQuantity, *state: Any) -> tuple[
         reason = "an earlier version wrote the file"
         if "states" not in results.streams:
             reason = "it has only static stages"
-        elif results.status == "running":
-            reason = "a run records it at its end, and this run has not ended or was killed"
+        elif "joint_maxima" in results.streams:
+            reason = f"a run records it at its end, and the status of this run is {results.status}"
         raise ResultsError(
             f"{results.path} has no {quantity!r}: {reason}. Choose a quantity of one state, such "
             "as 'opening', instead."

@@ -28,6 +28,7 @@ from dolfinx_joints.postprocessing.peaks import (
 )
 from dolfinx_joints.postprocessing.static_stages import StageEnergy, static_stages
 from dolfinx_joints.results.arguments import COMPONENTS, check_results
+from dolfinx_joints.results.joint_points import since
 from dolfinx_joints.results.quantities import TABLE, Quantity, row_of, rows_below
 from dolfinx_joints.results.reader import Results
 
@@ -166,7 +167,7 @@ def _peaks(results: Results) -> Table:
             peaks.append((label, "m/s^2", acceleration_peak(results, [point])))
     for joint in results.joints if "states" in results.streams else ():
         for name, peak in joint_peaks(results, joint).items():
-            label = f"{name} of {joint}" + (f" {zero_name(results)}" if name == "slip" else "")
+            label = f"{name} of {joint}{since(results, name)}"
             peaks.append((label, row_of("joints", f"{joint}/{name}")[0].unit, peak))
     header = ["peak", "value", "unit", "time [s]", "component", "x [m]", "y [m]", "z [m]"]
     rows = [
@@ -209,8 +210,8 @@ def _resultants(results: Results) -> Table:
 
 def _joint_extremes(results: Results) -> Table:
     extremes = {joint: joint_extremes(results, joint) for joint in results.joints}
-    slip = f"largest slip {zero_name(results)}"
-    rows = [replace(r, label=slip) if r.key == "slip" else r for r in rows_below("joints", "*/")]
+    series = rows_below("joints", "*/")
+    rows = [replace(row, label=row.label + since(results, row.key)) for row in series]
     return _stack("joint", {n: _time_table(rows, e.values, e.time) for n, e in extremes.items()})
 
 

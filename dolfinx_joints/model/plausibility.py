@@ -47,16 +47,13 @@ RANGES = {
     "cohesion": _STRENGTH,
     "tooth_cohesion": _STRENGTH,
     "tensile_strength": _STRENGTH,
+    "tensile": Range(1e4, 2e6, 3e7, "Pa", {"MPa": 1e6, "kPa": 1e3}),
+    "compressive": Range(1e5, 25e6, 3e8, "Pa", {"MPa": 1e6, "kPa": 1e3}),
     "friction_angle_deg": Range(2.0, 35.0, 90.0, "degrees", {"radians": 180.0 / np.pi}),
     "friction_coefficient": Range(0.0, 0.7, 10.0, "", {"degrees": np.pi / 180.0}),
     "expansion": Range(1e-7, 1e-5, 1e-4, "1/K", {"1e-6/K": 1e-6}),
     "gravity": Range(1.0, 9.81, 30.0, "m/s^2"),
     "sound_speed": Range(300.0, 1440.0, 6000.0, "m/s", {"km/s": 1e3}),
-}
-# Strengths of `Strength`, from fill to high-strength concrete.
-STRENGTHS = {
-    "tensile": Range(1e4, 2e6, 3e7, "Pa", {"MPa": 1e6, "kPa": 1e3}),
-    "compressive": Range(1e5, 25e6, 3e8, "Pa", {"MPa": 1e6, "kPa": 1e3}),
 }
 GROUT_PRESSURE = Range(1e3, 5e5, 3e7, "Pa", {"MPa": 1e6, "bar": 1e5, "kPa": 1e3})
 KELVIN = 273.15
@@ -114,17 +111,17 @@ def warn_of_grout(comm: Any, pressure: float) -> None:
 
 
 def warn_of_strengths(comm: Any, strengths: Mapping[str, Any]) -> list[str]:
-    """Warn of implausible strengths by cell group, and return the warnings; on rank 0."""
+    """Warn of implausible strengths by cell group, and return the texts; on rank 0."""
     texts = []
-    for group, strength in strengths.items():
-        owner = f"Strength of {group}" if group else "Strength"
-        for name, plausible in STRENGTHS.items():
-            texts += _out_of_range(f"{owner}: {name}", getattr(strength, name), plausible)
-        if strength.compressive < strength.tensile:
-            numbers = f"{strength.compressive:g} Pa, less than tensile {strength.tensile:g} Pa"
+    for group, given in strengths.items():
+        owner = f"Strength of {group}".removesuffix(" of ")
+        for name in ("tensile", "compressive"):
+            texts += _out_of_range(f"{owner}: {name}", getattr(given, name), RANGES[name])
+        if given.compressive < given.tensile:
+            numbers = f"{given.compressive:g} Pa, less than tensile {given.tensile:g} Pa"
             texts.append(f"{owner}: compressive is {numbers}; are they interchanged?")
     doubt(comm, *texts)
-    return texts if comm.rank == 0 else []
+    return texts
 
 
 def _parameters(given: Any) -> Iterator[tuple[str, Any]]:

@@ -10,6 +10,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
+from mpi4py import MPI
+
 import annotated_types as at
 from petsc4py import PETSc
 
@@ -110,10 +112,10 @@ class ResultsMonitor(Monitor):
         check_kind_of("strength", given, are_strengths, "a Strength, or one by cell group")
         if self._strengths and not self.envelopes:
             raise ValueError("strength needs recorded stresses: set envelopes=True as well.")
+        self._doubts = warn_of_strengths(MPI.COMM_WORLD, self._strengths)
         self._path, self._points = Path(self.path), check_points(self.points)
         self._backup = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None
-        self._checked_model: Model | None = None
         self._prepared_model: Model | None = None
         self._last_stage: StageRecord | None = None
         self._stages: int | None = None  # Number of stages in the file of static stages, if any.
@@ -127,10 +129,7 @@ class ResultsMonitor(Monitor):
         if self.envelopes:
             check_has_envelopes(model)
         for group in filter(None, self._strengths):
-            model.jointed.cells(group)
-        if self._checked_model is not model:
-            self._doubts = warn_of_strengths(model.jointed.mesh.comm, self._strengths)
-            self._checked_model = model
+            model.jointed.cells(group)  # Raises an error if the group does not exist.
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
         """Add new stages to a file with static stages only (collective).
@@ -265,10 +264,10 @@ class ResultsMonitor(Monitor):
         self._comm, self._nodes = model.jointed.mesh.comm, NodeNumbering(model.V)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
         notes = [f"{n} {m}" for n, m in zip(self._points, self._probe.notes, strict=True) if m]
-        if notes:
-            self._doubts = [*self._doubts, f"Monitored points: {'; '.join(notes)}."]
-            if self._comm.rank == 0:
-                warn(self._doubts[-1])
+        texts = [f"Monitored points: {'; '.join(notes)}."] if notes else []
+        self._warnings = [*self._doubts, *texts]
+        if texts and self._comm.rank == 0:
+            warn(texts[0])
         self._envelopes = self._directions = None
         if self.envelopes:
             groups = None if isinstance(self.envelopes, bool) else self.envelopes
@@ -389,7 +388,7 @@ class ResultsMonitor(Monitor):
     def finish(self, status: str, summary: dict[str, Any]) -> None:
         """Write the envelopes and the joint maxima, and close the file (collective)."""
         warnings = summary.get("warnings", [])
-        if new := [text for text in self._doubts if text not in warnings]:
+        if new := [text for text in self._warnings if text not in warnings]:
             summary = summary | {"warnings": [*new, *warnings]}
         block, streams = self._series.take(), self._ending()
         with handing_out(self._comm, streams):

@@ -50,14 +50,11 @@ def frame_name(results: Results, relative_to: str | None = None) -> str:
 
 
 def zero_name(results: Results, relative_to: str | None = None, *, from_static: bool = True) -> str:
-    """Return the state from which displacements count, in words, such as "from the static state".
-
-    The displacement of a free surface is known only since the first record.
-    """
+    """Return the state from which displacements count, such as "from the static state"."""
     if not from_static:
         return "from the unloaded body"
-    first = "first record" if _starts_moving(results, relative_to) else ""
-    return f"from the {first or zero_of(results)}"
+    since_first = _starts_moving(results, relative_to)
+    return f"from the {'first record' if since_first else zero_of(results)}"
 
 
 def common_frame(frames: Mapping[str, str]) -> str:
@@ -107,9 +104,6 @@ def reference_displacement(
             the displacements of the file are relative to the ground, otherwise the displacement of
             the free surface since the first record. For None the result is zero.
         from_static: False for the displacement from the unloaded body, otherwise from `zero_name`.
-
-    Raises:
-        ResultsError: The displacement of the ground from the unloaded body is not in the file.
     """
     time = results.time("histories")
     if relative_to is None or (_is_ground(results, relative_to) and results.relative):
@@ -191,7 +185,7 @@ def _check_ground(results: Results) -> None:
 
 
 def _starts_moving(results: Results, relative_to: str | None) -> bool:
-    """Return True if the free surface is the reference of a run that continues another one."""
+    """Return True if displacements are relative to a free surface whose start is not recorded."""
     is_free_surface = relative_to and _is_ground(results, relative_to) and not results.relative
     return bool(is_free_surface and results.time("histories")[:1].any())
 

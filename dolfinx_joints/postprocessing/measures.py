@@ -290,8 +290,8 @@ def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, di
 
 
 def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
-    time, gap = results.time("states"), gaps(results, "states", joint)
-    opening, zero = np.maximum(gap[..., 0], 0.0), zero_gap(results, joint)
+    time, opening, _ = joint_history(results, joint)
+    gap, zero = gaps(results, "states", joint), zero_gap(results, joint)
     static = np.maximum(zero[0, :, 0], 0.0)
     traction = results.series("states", f"joints/{joint}/traction")
     areas = free_areas(results, joint)

@@ -59,7 +59,7 @@ from dolfinx_joints.postprocessing.frames import (
     has_ground_motion,
     zero_name,
 )
-from dolfinx_joints.postprocessing.joints.extremes import drawn_series, series_heading
+from dolfinx_joints.postprocessing.joints.extremes import drawn_series
 from dolfinx_joints.postprocessing.joints.maps import TIED_STYLE, draw_map
 from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
 from dolfinx_joints.postprocessing.joints.panels import joint_panels as joint_panels
@@ -76,7 +76,7 @@ from dolfinx_joints.postprocessing.measures import (
 )
 from dolfinx_joints.postprocessing.palette import BLUE, RED, colour_limits
 from dolfinx_joints.results.arguments import COMPONENTS, Component, check_results, chosen_state
-from dolfinx_joints.results.joint_points import free_areas
+from dolfinx_joints.results.joint_points import free_areas, since
 from dolfinx_joints.results.quantities import row_of
 from dolfinx_joints.results.reader import Results
 
@@ -360,7 +360,8 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
             label = f"{joint}: {extreme:.3g}{unit} at {at_time:.6g} s"
             ax.plot(time, values, color=BLUE, linewidth=1.1, label=label)
             legend(ax, "above")
-        decorate(ax, "time [s]" if least else "", series_heading(row, results).replace(" [", "\n["))
+        heading = row.heading.replace(" [", f"{since(results, row.key)}\n[")
+        decorate(ax, "time [s]" if least else "", heading)
         ax.margins(x=0.0)
         ax.set_ylim(bottom=lowest)
     panels[-1].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")

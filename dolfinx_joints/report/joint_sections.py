@@ -9,11 +9,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.postprocessing import measures, plots
-from dolfinx_joints.postprocessing.joints.extremes import (
-    drawn_series,
-    joint_extremes,
-    series_heading,
-)
+from dolfinx_joints.postprocessing.joints.extremes import drawn_series, joint_extremes
 from dolfinx_joints.postprocessing.joints.maps import JointMaps
 from dolfinx_joints.report.page import (
     Curve,
@@ -26,7 +22,7 @@ from dolfinx_joints.report.page import (
     table,
 )
 from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing
-from dolfinx_joints.results.joint_points import joint_area, zero_of
+from dolfinx_joints.results.joint_points import joint_area, since, zero_of
 from dolfinx_joints.results.quantities import TABLE
 
 # File name, quantity and caption of each map after a static stage.
@@ -94,7 +90,7 @@ def _histories(content: Content, run: Run) -> Html:
         for panel, row in zip(curves, rows, strict=True):
             values = row.factor * joint_values.values[row.key]
             panel.append((joint, joint_values.time, np.where(np.isinf(values), np.nan, values)))
-    titles = [series_heading(row, run.results) for row in rows]
+    titles = [row.heading.replace(" [", f"{since(run.results, row.key)} [") for row in rows]
     spec = panels(curves, titles, "time [s]", shown=len(run.results.joints))
     least = min((np.nanmin(v) for _, _, v in curves[-1] if np.isfinite(v).any()), default=0.0)
     safest = max(_SAFEST, float(np.ceil(1.5 * least)))
@@ -116,9 +112,8 @@ def _maps(content: Content, run: Run) -> list[Html]:
         ]
     shown, maps, zero = [], JointMaps(run.results), zero_of(run.results)
     stage = -1 if run.results.stage_names else None
-    picture = maps.draw("normal", None, 0, stage)
-    caption = f"Normal traction in the {zero}, {run.label}."
-    shown.append(_map(content, "static", picture, caption))
+    words = f"Normal traction in the {zero}, {run.label}."
+    shown.append(_map(content, "static", maps.draw("normal", None, 0, stage), words))
     drawn: list[tuple[str, Any, float | None, str]] = [
         ("normal", "normal", time, f"Normal traction at {moment}"),
         _largest(run, "opening", "opening"),
@@ -141,8 +136,8 @@ def _maps(content: Content, run: Run) -> list[Html]:
 def _largest(run: Run, kind: str, name: str) -> tuple[str, Any, float | None, str]:
     """Return the map of opening or slip over all steps, or at a record if the run has not ended."""
     if run.has("joint_maxima"):
-        zero = f" from the {zero_of(run.results)}" if kind == "slip" else ""
-        return name, f"largest_{kind}", None, f"Largest {kind} of each point over all steps{zero}"
+        words = f"Largest {kind} of each point over all steps{since(run.results, kind)}"
+        return name, f"largest_{kind}", None, words
     moment, time = _time_of_largest(run, kind)
     return name, kind, time, f"{name.replace('_', ' ').capitalize()} at {moment}"
 

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.common.errors import ResultsError, warn
-from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.body import jointed_groups
 from dolfinx_joints.postprocessing.frames import common_frame, usual_reference, zero_name
@@ -180,19 +179,15 @@ def zeros(runs: Iterable[Run]) -> str:
     return common_frame({run.label: zero_name(run.results, run.relative_to) for run in runs})
 
 
-def check_bars(runs: Sequence[Run], bars: Mapping[str, tuple[float, float]], band: float) -> None:
-    """Raise a ValueError for a name that no run has, and warn of values that no run has.
-
-    Names are those of `main_values`; accelerations may be in another band [Hz].
-    """
+def _check_bars(runs: Sequence[Run], bars: Mapping[str, tuple[float, float]]) -> None:
+    """Raise a ValueError for a name that no run has, and warn of values that no run has."""
+    band = measures.common_band(*(run.results for run in runs if run.has("histories")))
     own = [main_values(run.results, band=band) for run in runs]
     allowed = sorted({name for values in own for name in values})
     unshown, any_band = [], CREST_ACCELERATION.partition("{")[0]
-    for name, (given, error) in bars.items():
+    for name, (given, _) in bars.items():
         if name not in allowed and not name.startswith(any_band):
             raise ValueError(f"bars: no run has a value {name!r}; there are {listing(allowed)}.")
-        good = np.isfinite(given) and error >= 0.0
-        check_kind_of(f"bars: {name!r}", (given, error), good, "a number and an error of 0 or more")
         if not any(np.isclose(v.get(name, np.nan), given, rtol=1e-6, atol=0.0) for v in own):
             unshown.append(name)
     if unshown:
@@ -228,7 +223,10 @@ def opened(
     with ExitStack() as stack:
         files = [stack.enter_context(Results(path)) for path in paths]
         names = _names(resolved)
-        yield [Run(file, name, bars or {}) for file, name in zip(files, names, strict=True)]
+        runs = [Run(file, name, bars or {}) for file, name in zip(files, names, strict=True)]
+        if bars:
+            _check_bars(runs, bars)
+        yield runs
 
 
 def nothing(name: str, title: str, missing: str) -> Section:

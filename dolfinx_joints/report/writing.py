@@ -19,14 +19,7 @@ from dolfinx_joints.common.files import replacing
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.report import opening, sections
 from dolfinx_joints.report.page import Drawings, page
-from dolfinx_joints.report.runs import (
-    Addition,
-    Content,
-    Run,
-    check_bars,
-    linear_and_jointed,
-    opened,
-)
+from dolfinx_joints.report.runs import Addition, Content, Run, linear_and_jointed, opened
 
 
 @checked
@@ -59,15 +52,17 @@ def write(
         ValueError: No run has a value of a name in ``bars``, or a number is not allowed.
     """
     good = bars is None or (
-        isinstance(bars, Mapping) and all(np.shape(bar) == (2,) for bar in bars.values())
+        isinstance(bars, Mapping)
+        and all(np.shape(b) == (2,) and np.isfinite(b[0]) and b[1] >= 0.0 for b in bars.values())
     )
-    check_kind_of("bars", bars, good, "pairs of value and error by name, as in Accuracy.bars")
+    wanted = "pairs of a number and an error of 0 or more by name, as in Accuracy.bars"
+    check_kind_of("bars", bars, good, wanted)
     target = Path(out)
     if target.suffix.lower() not in (".html", ".htm"):
         raise ResultsError(f"A report needs a file name that ends in .html, got {target}.")
     _check_packages()
     muted = warnings.catch_warnings(action="ignore", category=PlausibilityWarning)
-    with opened(results, bars) as runs, _written(target), muted:  # the report lists the warnings
+    with muted, opened(results, bars) as runs, _written(target):  # the report lists the warnings
         target.parent.mkdir(parents=True, exist_ok=True)
         added = add(runs) if add else Addition()
         reference, main = linear_and_jointed(runs)
@@ -77,8 +72,6 @@ def write(
         ordered = [*first, *(run for run in runs if run not in first)]
         drawings = Drawings(picture_folder(target))
         content = Content(ordered, drawings, main, reference)
-        if bars:
-            check_bars(runs, bars, content.band)
         shown = sections.ordered(content, added, of_body=with_3d)
         top = opening.opening(content, added.note, of_body=with_3d)
         html = page(_title(runs), top, shown, drawings)

@@ -208,8 +208,7 @@ class Results(Summarised):
     def stage_index(self, stage: int | str) -> int:
         """Return the record in the stream ``statics`` of a stage given by its name or number.
 
-        Numbers start at 0; negative ones count from the end. Of several stages of one name the last
-        is returned.
+        Numbers start at 0, negative ones at the end. The last stage of several of one name counts.
         """
         names = self.stage_names
         if isinstance(stage, str) and stage in names:

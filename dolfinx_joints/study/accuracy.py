@@ -21,7 +21,7 @@ from dolfinx_joints.common.errors import StudyError
 from dolfinx_joints.postprocessing.peaks import main_values
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.study.extrapolation import Cost, cheapest, estimated_error
-from dolfinx_joints.study.runner import Study, under_mpirun
+from dolfinx_joints.study.runner import MPIRUN, Study
 from dolfinx_joints.study.table import TABLE, Row, Table, read_rows, write_csv
 
 Run = Callable[..., str | Path | Mapping[str, float]]
@@ -193,7 +193,7 @@ def accuracy(
         ValueError: A direction has a single factor, or a factor is not positive or is 1.
         StudyError: A run failed, the folder contains another study, or several ranks call.
     """
-    if under_mpirun():
+    if MPIRUN & os.environ.keys():
         raise StudyError("accuracy starts its runs as separate processes: call it without mpirun.")
     cases = _with_earlier(Path(path), _cases(run, size, dt, steps, cells))
     study = Study(path, _Measured(run), cases)

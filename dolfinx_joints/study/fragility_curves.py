@@ -165,11 +165,9 @@ def fragility(
         or not np.all((positive > 0.0) & np.isfinite(positive))
         or not np.all(np.isin(value, (0.0, 1.0)) | np.isnan(value))
     ):
-        responses = "responses"
-        if limit is None:
-            responses = "values True or False, or responses and their limit"
+        wanted = "values True or False, or responses and limit" if limit is None else "responses"
         raise ValueError(
-            f"fragility needs finite, positive intensities and as many {responses}; got "
+            f"fragility needs finite, positive intensities and as many {wanted}; got "
             f"{shown(intensity)} and {shown(response)}, limit={limit}."
         )
     has_value = ~np.isnan(value)

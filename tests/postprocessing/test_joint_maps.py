@@ -140,7 +140,7 @@ def test_largest_values_of_files_without_them(tmp_path):
         file["streams/joint_maxima/time"] = np.zeros(0)
         file["streams/joint_maxima/joint_1/opening"] = np.zeros((0, 4))
     files.append(write_stages(tmp_path / "stages.h5"))
-    reasons = ("earlier version", "the status of this run is running", "has only static stages")
-    for path, reason in zip(files, reasons, strict=True):
-        with Results(path) as results, pytest.raises(ResultsError, match=reason):
+    for path, status in zip(files, ("complete", "running", "complete"), strict=True):
+        text = f"dynamic stage of this version records at its end; the file is {status}"
+        with Results(path) as results, pytest.raises(ResultsError, match=text):
             plots.joint_maps(results, "largest_opening")

@@ -98,7 +98,7 @@ def test_error_bars_without_a_place_are_refused_or_named(tmp_path):
     with pytest.raises(ValueError, match="no run has a value 'openning'; there are .*crest"):
         cells_of([file], tmp_path, bars={"openning": (3e-3, 1e-4)})
     for bar in ((np.nan, 1e-4), (3e-3, np.nan), (3e-3, -1.0)):
-        with pytest.raises(ValueError, match="it must be a number and an error of 0 or more"):
+        with pytest.raises(ValueError, match="must be pairs of a number and an error of 0 or"):
             cells_of([file], tmp_path, bars={name: bar})
     other_band = "crest acceleration below 12.5 Hz [m/s^2]"
     with pytest.warns(UserWarning, match=r"not shown, .*: crest acceleration.*, joint_1: opening"):

@@ -54,7 +54,7 @@ def test_two_intensities_have_the_shares_of_their_runs(counts):
         ([1, 0, 0, 1], "not exceeded more often at higher intensities"),
         ([0, 0, 1], "as many values True or False"),
         # Openings in metres are no fractions of runs.
-        ([0.001, 0.002, 0.003, 0.004], "values True or False, or responses and their limit"),
+        ([0.001, 0.002, 0.003, 0.004], "values True or False, or responses and limit"),
     ],
 )
 def test_runs_that_do_not_tell(exceeded, message):

@@ -47,8 +47,6 @@ CRITERIA: dict[str, tuple[str, str, float | None, float | None]] = {
     "drift": ("crest displacement / height", "-", None, None),
 }
 
-_NO_HEIGHT = 1e-6  # height of a crest point / height of the body that counts as zero
-
 
 class Check(NamedTuple):
     """Row of the table.
@@ -165,7 +163,7 @@ def _drift(results: Results, groups: Collection[str] | None, crest: str | None) 
     up = 1 if body.plane else 2
     lowest = body.nodes[body.seen, up].min()
     height = results.static("histories/points")[point, up] - lowest
-    if height <= _NO_HEIGHT * np.ptp(body.nodes[:, up]):
+    if height <= 1e-6 * np.ptp(body.nodes[:, up]):  # rounding
         return "drift", f"{crest} is not above the lowest node of the groups", np.nan, None
     moved = [displacement_history(results, crest, x, reference)[1] for x in COMPONENTS[:up]]
     largest = np.linalg.norm(moved, axis=0).max()

@@ -14,7 +14,7 @@ import numpy as np
 
 from dolfinx_joints.common.arrays import Flags, Floats
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.results.joint_points import free_areas, gaps, tied_points, zero_gap, zero_of
+from dolfinx_joints.results.joint_points import free_areas, gaps, tied_points, zero_gap
 from dolfinx_joints.results.quantities import (
     JOINT_SERIES,
     TABLE,
@@ -164,12 +164,6 @@ def state_points(
         intact = results.series(stream, f"{where}/broken", rows) == 0
     slip = (gap - zero_gap(results, joint))[..., 1:]
     return JointPoints(gap, slip, traction, cohesion * intact)
-
-
-def series_heading(row: Quantity, results: Results) -> str:
-    """Return the heading of a series of joints; that of slips names the state `zero_of`."""
-    zero = f" from the {zero_of(results)} [" if row.key == "slip" else " ["
-    return row.heading.replace(" [", zero)
 
 
 def drawn_series(joints: Iterable[JointExtremes]) -> list[Quantity]:

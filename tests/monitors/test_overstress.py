@@ -184,7 +184,7 @@ def test_a_crest_at_the_lowest_node_has_no_drift(comm, new_path):
             low, top = (dj.checks(results, "gravity", crest=c)[-1] for c in ("low", "top"))
             assert (low.met, top.met) == ("not recorded", "no limit")
             assert low.where == "low is not above the lowest node of the groups"
-            assert top.where == "top, height 5 m"
+            assert top.where == "top, height 5 m, from the first record"
 
     on_root(comm, look)
 

@@ -25,11 +25,11 @@ from dolfinx_joints.common.parameters import check_kind_of, real
 from dolfinx_joints.postprocessing.body import Body, jointed_groups
 from dolfinx_joints.postprocessing.criteria.stresses import Found, StressRatios
 from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE
-from dolfinx_joints.postprocessing.frames import usual_reference
+from dolfinx_joints.postprocessing.frames import usual_reference, zero_name
 from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
 from dolfinx_joints.postprocessing.measures import displacement_history, joint_measures
 from dolfinx_joints.results.arguments import COMPONENTS, check_results
-from dolfinx_joints.results.joint_points import free_areas
+from dolfinx_joints.results.joint_points import free_areas, since
 from dolfinx_joints.results.reader import Results
 
 # By the name of the limit: criterion, unit, and limits of a gravity and an arch dam.
@@ -148,8 +148,8 @@ def _sliding(results: Results, joint: str, residual_slip: float) -> Iterator[Fou
         if is_recorded:
             values = results.series("joint_maxima", f"{joint}/{series}", -1)
             mean = float(values @ areas / areas.sum())
-        yield name, joint, mean, None
-    yield "residual_slip", joint, residual_slip, None
+        yield name, joint + since(results, name), mean, None
+    yield "residual_slip", joint + since(results, "slip"), residual_slip, None
 
 
 def _drift(results: Results, groups: Collection[str] | None, crest: str | None) -> Found:
@@ -167,4 +167,5 @@ def _drift(results: Results, groups: Collection[str] | None, crest: str | None) 
         return "drift", f"{crest} is not above the lowest node of the groups", np.nan, None
     moved = [displacement_history(results, crest, x, reference)[1] for x in COMPONENTS[:up]]
     largest = np.linalg.norm(moved, axis=0).max()
-    return "drift", f"{crest}, height {height:.4g} m", largest / height, None
+    where = f"{crest}, height {height:.4g} m, {zero_name(results, reference)}"
+    return "drift", where, largest / height, None

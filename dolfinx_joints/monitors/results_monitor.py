@@ -10,8 +10,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
-from mpi4py import MPI
-
 import annotated_types as at
 from petsc4py import PETSc
 
@@ -112,7 +110,7 @@ class ResultsMonitor(Monitor):
         check_kind_of("strength", given, are_strengths, "a Strength, or one by cell group")
         if self._strengths and not self.envelopes:
             raise ValueError("strength needs recorded stresses: set envelopes=True as well.")
-        self._doubts = warn_of_strengths(MPI.COMM_WORLD, self._strengths)
+        self._doubts = warn_of_strengths(self._strengths)
         self._path, self._points = Path(self.path), check_points(self.points)
         self._backup = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None

@@ -18,7 +18,7 @@ from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.body import jointed_groups
 from dolfinx_joints.postprocessing.frames import common_frame, usual_reference, zero_name
 from dolfinx_joints.postprocessing.joints.surface import is_plane
-from dolfinx_joints.postprocessing.peaks import CREST_ACCELERATION, main_values
+from dolfinx_joints.postprocessing.peaks import main_values
 from dolfinx_joints.report.page import Drawings, Section, paragraph, plain
 from dolfinx_joints.results.arguments import COMPONENTS, Component
 from dolfinx_joints.results.reader import Results, listing
@@ -179,19 +179,17 @@ def zeros(runs: Iterable[Run]) -> str:
     return common_frame({run.label: zero_name(run.results, run.relative_to) for run in runs})
 
 
-def _check_bars(runs: Sequence[Run], bars: Mapping[str, tuple[float, float]]) -> None:
-    """Raise a ValueError for a name that no run has, and warn of values that no run has."""
+def _warn_of_bars(runs: Sequence[Run], bars: Mapping[str, tuple[float, float]]) -> None:
+    """Warn of error bars whose name or value no run has."""
     band = measures.common_band(*(run.results for run in runs if run.has("histories")))
-    own = [main_values(run.results, band=band) for run in runs]
-    allowed = sorted({name for values in own for name in values})
-    unshown, any_band = [], CREST_ACCELERATION.partition("{")[0]
-    for name, (given, _) in bars.items():
-        if name not in allowed and not name.startswith(any_band):
-            raise ValueError(f"bars: no run has a value {name!r}; there are {listing(allowed)}.")
-        if not any(np.isclose(v.get(name, np.nan), given, rtol=1e-6, atol=0.0) for v in own):
-            unshown.append(name)
+    values = [main_values(run.results, band=band) for run in runs]
+    unshown = [
+        name
+        for name, (given, _) in bars.items()
+        if not any(np.isclose(run.get(name, np.nan), given, rtol=1e-6, atol=0.0) for run in values)
+    ]
     if unshown:
-        warn(f"Error bars that are not shown, as the runs have other values: {listing(unshown)}.")
+        warn(f"Error bars are not shown, as no run has these values: {listing(unshown)}.")
 
 
 def largest_moment(run: Run) -> tuple[float, str]:
@@ -225,7 +223,7 @@ def opened(
         names = _names(resolved)
         runs = [Run(file, name, bars or {}) for file, name in zip(files, names, strict=True)]
         if bars:
-            _check_bars(runs, bars)
+            _warn_of_bars(runs, bars)
         yield runs
 
 

@@ -42,14 +42,13 @@ def write(
         with_3d: Include the 3-D view and pictures of the body, the largest part of the file.
         add: Function that returns further sections and the runs to compare.
         bars: Error bars of the main results, `Accuracy.bars`. An error is shown next to each value
-            that equals a value of the study; a warning names values that no run has.
+            that equals a value of the study; a warning names the others.
 
     Returns:
         The path of the HTML file.
 
     Raises:
         ResultsError: A file cannot be read, a package is missing, or ``out`` cannot be written.
-        ValueError: No run has a value of a name in ``bars``, or a number is not allowed.
     """
     good = bars is None or (
         isinstance(bars, Mapping)

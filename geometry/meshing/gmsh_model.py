@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -17,10 +16,9 @@ import gmsh
 import numpy as np
 
 from dolfinx_joints.common.command_line import Parser
-from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.common.progress import LOGGER
-from dolfinx_joints.geometry.meshing.arguments import mesh_path
+from dolfinx_joints.geometry.meshing.arguments import check_all_ranks_load_dolfinx, mesh_path
 from dolfinx_joints.geometry.meshing.extrusion import (
     BoolArray,
     FloatArray,
@@ -133,16 +131,10 @@ def save(path: Path, gui: bool, duplicated: bool) -> None:
     Raises:
         ValueError: if the file cannot be written.
         MeshError: if joint faces cannot be duplicated.
-        JointsError: if this needs DOLFINx, which only some of several ranks would load.
+        JointsError: if not all ranks load DOLFINx.
     """
     if duplicated:  # needs DOLFINx, unlike the other meshes
-        from mpi4py import MPI
-
-        if MPI.COMM_WORLD.size > 1 and "petsc4py.PETSc" not in sys.modules:
-            raise JointsError(  # The import starts PETSc, which waits for all ranks.
-                "duplicated=True loads DOLFINx, which all ranks must load together: put 'import "
-                "dolfinx' at the start of the script."
-            )
+        check_all_ranks_load_dolfinx()
         from dolfinx_joints.geometry.meshing.duplicated_joints import duplicate_joints
 
         duplicate_joints()

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Numbers of the first tables of a report, read back from its cells and compared with the file."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -95,14 +96,13 @@ def test_error_bars_are_next_to_the_values_of_their_run(tmp_path):
 
 def test_error_bars_without_a_place_are_refused_or_named(tmp_path):
     file, name = write_run(tmp_path / "r.h5"), "joint_1: opening [m]"
-    with pytest.raises(ValueError, match="no run has a value 'openning'; there are .*crest"):
-        cells_of([file], tmp_path, bars={"openning": (3e-3, 1e-4)})
     for bar in ((np.nan, 1e-4), (3e-3, np.nan), (3e-3, -1.0)):
         with pytest.raises(ValueError, match="must be pairs of a number and an error of 0 or"):
             cells_of([file], tmp_path, bars={name: bar})
     other_band = "crest acceleration below 12.5 Hz [m/s^2]"
-    with pytest.warns(UserWarning, match=r"not shown, .*: crest acceleration.*, joint_1: opening"):
-        cells_of([file], tmp_path, bars={other_band: (1.0, 0.1), name: (2e-3, 1e-4)})
+    bars = {"openning [m]": (3e-3, 1e-4), other_band: (1.0, 0.1), name: (2e-3, 1e-4)}
+    with pytest.warns(UserWarning, match=re.escape(f"these values: {', '.join(bars)}.")):
+        cells_of([file], tmp_path, bars=bars)
 
 
 @pytest.mark.parametrize("heights", [[10.0, 9.95, 4.0, 0.0], [10.0, 10.0 + 2e-15]])

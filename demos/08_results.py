@@ -51,7 +51,8 @@ results
 # %%
 peaks = export.to_pandas(results, "peaks").set_index("peak")
 moved = "displacement of crest from the static state"
-print(peaks.loc[[moved, "opening of joint_1", "slip of joint_1"]].to_string())
+slip = "slip of joint_1 from the static state"
+print(peaks.loc[[moved, "opening of joint_1", slip]].to_string())
 # %%
 plots.history(results, "crest", "x")
 # %%

@@ -78,9 +78,9 @@ def from_step(
         joints: other names of joints; NAME: (A, B) makes the group ``joint_NAME``.
         tied: pairs (A, B) of volumes that are connected without a joint.
         surfaces: names of outer faces, with the plane that contains them such as ("z", "min") or
-            ("x", 3.0), a direction and the largest angle to their mean outward normals such as
-            ("-x", 40.0) [degrees], a point (x, y, z) on one face [m], or the name of a face in the
-            file.
+            ("x", 3.0), a direction and the largest angle to their mean outward normals, below
+            90 degrees, such as ("-x", 40.0), a point (x, y, z) on one face [m], or the name of a
+            face in the file.
         gui: show the mesh in Gmsh's window afterwards.
         duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 

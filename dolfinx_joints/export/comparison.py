@@ -121,7 +121,7 @@ def compare(
         notes = [f"{name} is {run.status}: {run.path}" for name, run in files if not run.complete]
         if first.relative != second.relative:
             notes.append("Motions are relative to the ground in one run, absolute in the other.")
-        one, other = map(_names, runs)
+        one, other = _names(*runs), _names(*runs[::-1])
         failed = [run.status in ("failed", "stopped") for run in runs]
         rows = [*_measures(runs), *_series(runs, notes)]
     only = [[n for n in one if n not in other], [n for n in other if n not in one]]
@@ -143,10 +143,11 @@ def _group(row: Difference) -> tuple[str, str, bool]:
     return row.quantity.partition("/")[0], unit, row.within is None
 
 
-def _names(run: Results) -> list[str]:
-    """Return the names of joints, points, static stages and series."""
+def _names(run: Results, other: Results) -> list[str]:
+    """Return the names of joints, points, static stages, streams and series."""
     kinds = {"joint": run.joints, "point": run.point_names, "static stage": run.stage_names}
-    kinds |= {f"{stream}:": names for stream, names in run.streams.items()}
+    kinds["stream"] = [stream for stream in run.streams if stream not in other.streams]
+    kinds |= {f"{s}:": names for s, names in run.streams.items() if s not in kinds["stream"]}
     return [f"{kind} {name}" for kind, names in kinds.items() for name in names]
 
 
@@ -231,6 +232,10 @@ def _common_records(
     runs: Sequence[Results], stream: str, notes: list[str]
 ) -> tuple[list[Floats], Sequence[Any], bool]:
     """Return the compared records of each run, times or stages; True if all times are equal."""
+    empty = [name for name, run in zip("ab", runs, strict=True) if not run.rows(stream)]
+    if len(empty) == 1:
+        notes.append(f"{stream}: not compared, because {empty[0]} has no records.")
+        return [], [], True
     if stream == "statics":
         names = [run.stage_names for run in runs]
         stages = [[(name, n[:i].count(name)) for i, name in enumerate(n)] for n in names]

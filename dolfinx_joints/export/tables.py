@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
-from dolfinx_joints.postprocessing.frames import ZEROS, static_displacement
+from dolfinx_joints.postprocessing.frames import static_displacement, zero_name
 from dolfinx_joints.postprocessing.joints.resultants import (
     block_resultants,
     joint_resultants,
@@ -28,6 +28,7 @@ from dolfinx_joints.postprocessing.peaks import (
 )
 from dolfinx_joints.postprocessing.static_stages import StageEnergy, static_stages
 from dolfinx_joints.results.arguments import COMPONENTS, check_results
+from dolfinx_joints.results.joint_points import since
 from dolfinx_joints.results.quantities import TABLE, Quantity, row_of, rows_below
 from dolfinx_joints.results.reader import Results
 
@@ -90,7 +91,7 @@ def _stages(results: Results) -> Table:
     columns: list[tuple[str, str, Any]] = [("load time", "s", [s.load_time for s in stages])]
     for point in results.point_names:
         values = np.array([s.displacement[point] for s in stages])
-        columns += _vector(f"displacement of {point} {ZEROS[False]}", "m", values)
+        columns += _vector(f"displacement of {point} from the unloaded body", "m", values)
     for group in stages[0].reaction:
         values = np.array([s.reaction[group] for s in stages])
         columns += _vector(f"reaction of {group}", "N", values)
@@ -145,7 +146,7 @@ def _histories(results: Results) -> Table:
         zero = ""
         if name == "displacement":
             values = values - static_displacement(results, "point_displacement")
-            zero = f" {ZEROS[True]}"
+            zero = f" {zero_name(results)}"
         for i, point in enumerate(results.point_names):
             columns += _vector(f"{motion} of {point}{zero}", unit, values[:, i])
     motions = _columns(columns)
@@ -159,14 +160,15 @@ def _peaks(results: Results) -> Table:
     peaks: list[tuple[str, str, Peak]] = []
     quantity = "displacement" if results.relative else "absolute displacement"
     for point in results.point_names:
-        label = f"{quantity} of {point} {ZEROS[True]}"
+        label = f"{quantity} of {point} {zero_name(results)}"
         peaks.append((label, "m", displacement_peak(results, [point])))
         if "acceleration" in results.streams["histories"]:
             label = f"absolute acceleration of {point} up to {common_band(results):.3g} Hz"
             peaks.append((label, "m/s^2", acceleration_peak(results, [point])))
     for joint in results.joints if "states" in results.streams else ():
         for name, peak in joint_peaks(results, joint).items():
-            peaks.append((f"{name} of {joint}", row_of("joints", f"{joint}/{name}")[0].unit, peak))
+            label = f"{name} of {joint}{since(results, name)}"
+            peaks.append((label, row_of("joints", f"{joint}/{name}")[0].unit, peak))
     header = ["peak", "value", "unit", "time [s]", "component", "x [m]", "y [m]", "z [m]"]
     rows = [
         [label, peak.value, unit, peak.time, peak.name[-1:], *map(float, peak.place)]
@@ -208,7 +210,8 @@ def _resultants(results: Results) -> Table:
 
 def _joint_extremes(results: Results) -> Table:
     extremes = {joint: joint_extremes(results, joint) for joint in results.joints}
-    rows = rows_below("joints", "*/")
+    series = rows_below("joints", "*/")
+    rows = [replace(row, label=row.label + since(results, row.key)) for row in series]
     return _stack("joint", {n: _time_table(rows, e.values, e.time) for n, e in extremes.items()})
 
 

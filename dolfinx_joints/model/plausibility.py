@@ -47,6 +47,8 @@ RANGES = {
     "cohesion": _STRENGTH,
     "tooth_cohesion": _STRENGTH,
     "tensile_strength": _STRENGTH,
+    "tensile": Range(1e4, 2e6, 3e7, "Pa", {"MPa": 1e6, "kPa": 1e3}),
+    "compressive": Range(1e5, 25e6, 3e8, "Pa", {"MPa": 1e6, "kPa": 1e3}),
     "friction_angle_deg": Range(2.0, 35.0, 90.0, "degrees", {"radians": 180.0 / np.pi}),
     "friction_coefficient": Range(0.0, 0.7, 10.0, "", {"degrees": np.pi / 180.0}),
     "expansion": Range(1e-7, 1e-5, 1e-4, "1/K", {"1e-6/K": 1e-6}),
@@ -106,6 +108,20 @@ def warn_of_overlaps(comm: Any, overlaps: Mapping[str, float]) -> list[str]:
 def warn_of_grout(comm: Any, pressure: float) -> None:
     """Warn of an implausible grouting pressure [Pa], on rank 0."""
     doubt(comm, *_out_of_range("grout: pressure", pressure, GROUT_PRESSURE))
+
+
+def warn_of_strengths(strengths: Mapping[str, Any]) -> list[str]:
+    """Warn of implausible strengths by cell group, and return the texts; on rank 0."""
+    texts = []
+    for group, given in strengths.items():
+        owner = f"Strength of {group}".removesuffix(" of ")
+        for name in ("tensile", "compressive"):
+            texts += _out_of_range(f"{owner}: {name}", getattr(given, name), RANGES[name])
+        if given.compressive < given.tensile:
+            numbers = f"{given.compressive:g} Pa, less than tensile {given.tensile:g} Pa"
+            texts.append(f"{owner}: compressive is {numbers}; are they interchanged?")
+    doubt(MPI.COMM_WORLD, *texts)
+    return texts
 
 
 def _parameters(given: Any) -> Iterator[tuple[str, Any]]:

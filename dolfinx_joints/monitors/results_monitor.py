@@ -19,6 +19,7 @@ from dolfinx_joints.common.mpi import handing_out, raised_together
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.model.plausibility import warn_of_strengths
 from dolfinx_joints.model.resolution import resolution
 from dolfinx_joints.monitors.body_cells import body_mesh
 from dolfinx_joints.monitors.fields import Fields, StageFields
@@ -109,6 +110,7 @@ class ResultsMonitor(Monitor):
         check_kind_of("strength", given, are_strengths, "a Strength, or one by cell group")
         if self._strengths and not self.envelopes:
             raise ValueError("strength needs recorded stresses: set envelopes=True as well.")
+        self._doubts = warn_of_strengths(self._strengths)
         self._path, self._points = Path(self.path), check_points(self.points)
         self._backup = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None
@@ -124,6 +126,8 @@ class ResultsMonitor(Monitor):
             raise MeshError("resultants=True records forces of joints; the model has no joints.")
         if self.envelopes:
             check_has_envelopes(model)
+        for group in filter(None, self._strengths):
+            model.jointed.cells(group)  # Raises an error if the group does not exist.
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
         """Add new stages to a file with static stages only (collective).
@@ -258,9 +262,10 @@ class ResultsMonitor(Monitor):
         self._comm, self._nodes = model.jointed.mesh.comm, NodeNumbering(model.V)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
         notes = [f"{n} {m}" for n, m in zip(self._points, self._probe.notes, strict=True) if m]
-        self._point_warning = f"Monitored points: {'; '.join(notes)}." if notes else ""
-        if self._point_warning and self._comm.rank == 0:
-            warn(self._point_warning)
+        texts = [f"Monitored points: {'; '.join(notes)}."] if notes else []
+        self._warnings = [*self._doubts, *texts]
+        if texts and self._comm.rank == 0:
+            warn(texts[0])
         self._envelopes = self._directions = None
         if self.envelopes:
             groups = None if isinstance(self.envelopes, bool) else self.envelopes
@@ -381,8 +386,8 @@ class ResultsMonitor(Monitor):
     def finish(self, status: str, summary: dict[str, Any]) -> None:
         """Write the envelopes and the joint maxima, and close the file (collective)."""
         warnings = summary.get("warnings", [])
-        if self._point_warning and self._point_warning not in warnings:
-            summary = summary | {"warnings": [self._point_warning, *warnings]}
+        if new := [text for text in self._warnings if text not in warnings]:
+            summary = summary | {"warnings": [*new, *warnings]}
         block, streams = self._series.take(), self._ending()
         with handing_out(self._comm, streams):
             if self._writer is not None:

@@ -58,7 +58,8 @@ class StepSeries:
         self._extremes: JointExtremesStream | None = None
         if model.contact is not None and first.joints is not None:
             self._extremes = JointExtremesStream(model)
-            self._gap = first.joints.state.gap.copy()  # from which slip is measured
+            static = first.stages[-1].state.joints if first.stages else None
+            self._gap = (static or first.joints).state.gap.copy()  # from which slip is measured
 
     def collect(self, record: Record) -> PETSc.Vec | None:
         """Copy the values of a step; return the static part of u if recorded (collective)."""

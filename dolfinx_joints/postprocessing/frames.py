@@ -16,11 +16,11 @@ import numpy as np
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.joints.surface import is_plane
+from dolfinx_joints.results.joint_points import zero_of
 from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE, Results
 
 GROUND = "ground"  # value of relative_to that is not the name of a monitor point
 BASE = "mean of the base"
-ZEROS = {True: "from the static state", False: "from the unloaded body"}  # by from_static
 
 _SURFACE = "free_surface_velocity"
 
@@ -47,6 +47,14 @@ def frame_name(results: Results, relative_to: str | None = None) -> str:
     if _is_ground(results, relative_to):
         return f"relative to the {ground_name(results)}"
     return f"relative to {relative_to}"
+
+
+def zero_name(results: Results, relative_to: str | None = None, *, from_static: bool = True) -> str:
+    """Return the state from which displacements count, such as "from the static state"."""
+    if not from_static:
+        return "from the unloaded body"
+    since_first = _starts_moving(results, relative_to)
+    return f"from the {'first record' if since_first else zero_of(results)}"
 
 
 def common_frame(frames: Mapping[str, str]) -> str:
@@ -85,7 +93,9 @@ def ground_in_steps(results: Results) -> Floats:
     return ground if has_free_surface(results) else 0.5 * (ground[1:] + ground[:-1])
 
 
-def reference_displacement(results: Results, relative_to: str | None) -> Floats:
+def reference_displacement(
+    results: Results, relative_to: str | None, *, from_static: bool
+) -> Floats:
     """Return the displacement of a reference, shape (records, 3), [m].
 
     Args:
@@ -93,14 +103,21 @@ def reference_displacement(results: Results, relative_to: str | None) -> Floats:
         relative_to: Name of a monitor point, or ``ground``. For ``ground`` the result is zero if
             the displacements of the file are relative to the ground, otherwise the displacement of
             the free surface since the first record. For None the result is zero.
+        from_static: False for the displacement from the unloaded body, otherwise from `zero_name`.
     """
     time = results.time("histories")
     if relative_to is None or (_is_ground(results, relative_to) and results.relative):
         return np.zeros((len(time), 3))
     if not _is_ground(results, relative_to):
         u = results.series("histories", "displacement")
+        u = u - static_displacement(results, "point_displacement") if from_static else u
         return np.asarray(u[:, results.point_index(relative_to)])
     _check_ground(results)
+    if not from_static and _starts_moving(results, relative_to):
+        raise ResultsError(
+            f"{results.path} starts at t = {time[0]:g} s and has no displacement of the ground "
+            "before; show displacements with from_static=True or relative to a monitor point."
+        )
     from scipy.integrate import cumulative_trapezoid
 
     velocity = results.series("histories", _SURFACE)
@@ -122,14 +139,15 @@ def nodal_displacement(
         relative_to: Name of a monitor point, or ``ground`` as in `reference_displacement`. Unless
             given, the mean of the lowest nodes is subtracted from absolute displacements, so that
             the deformation is visible. Relative displacements are not changed.
-        from_static: True to subtract the displacement of the static state.
+        from_static: True to subtract the displacement of the state in `zero_name`.
 
     Returns:
         Displacement, shape (nodes, 3) or (records, nodes, 3), [m]; zero and reference in words.
     """
-    u, zero = results.series("states", "displacement", index), ZEROS[from_static]
+    u = results.series("states", "displacement", index)
+    zero = zero_name(results, relative_to, from_static=from_static)
     if from_static:
-        u = u - static_displacement(results, "displacement")
+        u = u - static_displacement(results, "displacement", relative_to)
     if relative_to is None and not results.relative:
         height = results.static("mesh/nodes")[:, 1 if is_plane(results) else 2]
         lowest = height <= height.min() + 1e-6 * np.ptp(height)
@@ -137,25 +155,20 @@ def nodal_displacement(
     if relative_to is not None:
         times = np.atleast_1d(results.time("states")[index])
         rows = [results.nearest("histories", float(time)) for time in times]
-        reference = reference_displacement(results, relative_to)[rows]
-        if from_static and not _is_ground(results, relative_to):
-            points = static_displacement(results, "point_displacement")
-            reference = reference - points[results.point_index(relative_to)]
+        reference = reference_displacement(results, relative_to, from_static=from_static)[rows]
         u = u - reference.reshape(*u.shape[:-2], 1, 3)
     return u, f"{zero}, {frame_name(results, relative_to)}"
 
 
-def static_displacement(results: Results, series: str) -> Floats:
-    """Return the displacement of the static state, shape (nodes or points, 3), [m].
-
-    It is that of the last static stage, in files without stages that of the first record.
+def static_displacement(results: Results, series: str, relative_to: str | None = None) -> Floats:
+    """Return the displacement of the state in `zero_name`, shape (nodes or points, 3), [m].
 
     Args:
         results: The run.
         series: ``displacement`` of all nodes, or ``point_displacement`` of the monitor points.
+        relative_to: Reference from which displacements are measured.
     """
-    if series in results.streams.get("statics", ()) and len(results.stage_names):
-        # The first record of a continued run is not the static state.
+    if results.stage_names and not _starts_moving(results, relative_to):
         return results.series("statics", series, -1)
     stream = "states" if series == "displacement" else "histories"
     first = results.series(stream, "displacement", slice(1))
@@ -169,6 +182,12 @@ def _check_ground(results: Results) -> None:
             f"{results.path} has absolute motions and no motion of the ground; give the name of a "
             "monitor point as reference."
         )
+
+
+def _starts_moving(results: Results, relative_to: str | None) -> bool:
+    """Return True if displacements are relative to a free surface whose start is not recorded."""
+    is_free_surface = relative_to and _is_ground(results, relative_to) and not results.relative
+    return bool(is_free_surface and results.time("histories")[:1].any())
 
 
 def _is_ground(results: Results, relative_to: str) -> bool:

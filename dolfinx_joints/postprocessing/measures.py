@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Response measures of a run, from its results file: histories, peaks, spectra, joints.
 
-Displacements start from the static state, the first record of a file. They are relative to the
-ground or, if the ground moves within the model, absolute (``results.relative``). ``relative_to``
-subtracts the displacement of a monitor point or of the ``"ground"`` (`frames`). Points are given by
-name or number. Components are x (stream), y (cross-valley) and z (up). Missing data raise a
-:class:`ResultsError`.
+Displacements and slips count from the last static stage or, in files without stages, from the
+first record (`frames.zero_name`); both are called the static state here. Displacements are relative
+to the ground or, if the ground moves within the model, absolute (``results.relative``).
+``relative_to`` subtracts the displacement of a monitor point or of the ``"ground"`` (`frames`).
+Points are given by name or number. Components are x (stream), y (cross-valley) and z (up). Missing
+data raise a :class:`ResultsError`.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ from dolfinx_joints.postprocessing.static_stages import StageJoint as StageJoint
 from dolfinx_joints.postprocessing.static_stages import StaticStage as StaticStage
 from dolfinx_joints.postprocessing.static_stages import static_stages as static_stages
 from dolfinx_joints.results.arguments import COMPONENTS, Component, check_results
-from dolfinx_joints.results.joint_points import free_areas, gaps
+from dolfinx_joints.results.joint_points import free_areas, gaps, zero_gap
 from dolfinx_joints.results.quantities import JOINT_SERIES, TABLE, Quantity, rows_below
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.resolved import Resolved as Resolved
@@ -96,13 +97,10 @@ def displacement_history(
     column = COMPONENTS.index(component)
     index = results.point_index(point)
     u = results.series("histories", "displacement")[:, index, column]
-    u = u - reference_displacement(results, relative_to)[:, column]
-    if not from_static:
-        return results.time("histories"), u
-    static = static_displacement(results, "point_displacement")[:, column]
-    reference = results.point_index(relative_to) if relative_to in results.point_names else None
-    start = static[index] - (0.0 if reference is None else static[reference])
-    return results.time("histories"), u - start
+    if from_static:
+        u = u - static_displacement(results, "point_displacement", relative_to)[index, column]
+    reference = reference_displacement(results, relative_to, from_static=from_static)
+    return results.time("histories"), u - reference[:, column]
 
 
 @checked
@@ -245,7 +243,7 @@ def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]
     results.check_joint(joint)
     gap = gaps(results, "states", joint)
     opening = np.maximum(gap[..., 0], 0.0)
-    slip = np.linalg.norm(gap[..., 1:] - gap[:1, :, 1:], axis=-1)
+    slip = np.linalg.norm((gap - zero_gap(results, joint))[..., 1:], axis=-1)
     return results.time("states"), opening, slip
 
 
@@ -292,16 +290,17 @@ def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, di
 
 
 def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
-    time, gap = results.time("states"), gaps(results, "states", joint)
-    opening = np.maximum(gap[..., 0], 0.0)
+    time, opening, _ = joint_history(results, joint)
+    gap, zero = gaps(results, "states", joint), zero_gap(results, joint)
+    static = np.maximum(zero[0, :, 0], 0.0)
     traction = results.series("states", f"joints/{joint}/traction")
     areas = free_areas(results, joint)
     shares = areas / areas.sum()
     is_late = time >= time[-1] - tail
-    drift = (gap[is_late, :, 1:] - gap[:1, :, 1:]).mean(axis=0)
+    drift = (gap[is_late] - zero)[..., 1:].mean(axis=0)
     measures = {
-        "opening_static": float(opening[0].max()),
-        "opening_residual": float((opening[is_late].mean(axis=0) - opening[0]).max()),
+        "opening_static": float(static.max()),
+        "opening_residual": float((opening[is_late].mean(axis=0) - static).max()),
         "slip_residual": float(np.linalg.norm(drift, axis=-1).max()),
         "share_broken": 0.0,
     }

@@ -52,12 +52,12 @@ from dolfinx_joints.postprocessing.axes import (
 )
 from dolfinx_joints.postprocessing.energy_lines import WAVES, energy_lines, waves_at_end
 from dolfinx_joints.postprocessing.frames import (
-    ZEROS,
     common_frame,
     frame_name,
     ground_motion,
     ground_name,
     has_ground_motion,
+    zero_name,
 )
 from dolfinx_joints.postprocessing.joints.extremes import drawn_series
 from dolfinx_joints.postprocessing.joints.maps import TIED_STYLE, draw_map
@@ -76,7 +76,7 @@ from dolfinx_joints.postprocessing.measures import (
 )
 from dolfinx_joints.postprocessing.palette import BLUE, RED, colour_limits
 from dolfinx_joints.results.arguments import COMPONENTS, Component, check_results, chosen_state
-from dolfinx_joints.results.joint_points import free_areas
+from dolfinx_joints.results.joint_points import free_areas, since
 from dolfinx_joints.results.quantities import row_of
 from dolfinx_joints.results.reader import Results
 
@@ -129,13 +129,15 @@ def history(
 ) -> Axes:
     """Draw the displacement of a monitor point from the static state against time [mm].
 
-    With ``from_static=False`` it is the displacement from the unloaded body.
+    In files without static stages it is the displacement from the first record. With
+    ``from_static=False`` it is the displacement from the unloaded body.
     """
-    ax, drawn = ax or new_axes(), runs(results, reference, labels)
+    ax, drawn, zeros = ax or new_axes(), list(runs(results, reference, labels)), {}
     for run, style in drawn:
+        zeros[style["label"]] = zero_name(run, relative_to, from_static=from_static)
         record = displacement_history(run, point, component, relative_to, from_static=from_static)
         ax.plot(record[0], 1e3 * record[1], **style)
-    decorate(ax, "time [s]", f"displacement {component}\n{ZEROS[from_static]} [mm]")
+    decorate(ax, "time [s]", f"displacement {component}\n{common_frame(zeros)} [mm]")
     title = f"{point_name(results, point)}: displacement {component}"
     has_reference = reference is not None
     entitle(ax, f"{title}, {_frames(drawn, relative_to)}", over_legend=has_reference)
@@ -358,7 +360,8 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
             label = f"{joint}: {extreme:.3g}{unit} at {at_time:.6g} s"
             ax.plot(time, values, color=BLUE, linewidth=1.1, label=label)
             legend(ax, "above")
-        decorate(ax, "time [s]" if least else "", row.heading.replace(" [", "\n["))
+        heading = row.heading.replace(" [", f"{since(results, row.key)}\n[")
+        decorate(ax, "time [s]" if least else "", heading)
         ax.margins(x=0.0)
         ax.set_ylim(bottom=lowest)
     panels[-1].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")

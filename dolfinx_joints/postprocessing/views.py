@@ -8,8 +8,8 @@ azimuth from downstream (x) towards y (left bank); several azimuths give several
 a corner show the coordinate axes at the scale of the picture. Plane bodies are seen along z.
 
 The state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or the static
-``stage`` of this name or number. Tractions and stresses are positive in tension (red), negative in
-compression (blue).
+``stage`` of this name or number (from 0). Tractions and stresses are positive in tension (red),
+negative in compression (blue).
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from dolfinx_joints.report.page import (
     table,
 )
 from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing
-from dolfinx_joints.results.joint_points import joint_area
+from dolfinx_joints.results.joint_points import joint_area, since, zero_of
 from dolfinx_joints.results.quantities import TABLE
 
 # File name, quantity and caption of each map after a static stage.
@@ -50,20 +50,20 @@ def joints(content: Content) -> Section:
     free = len(measures.joint_shares(*(run.results for run in runs))) == 4
     without = {"share_frictionless": free, "share_broken": bonds}
     columns = [row for row in TABLE["measures"] if row.label and without.get(row.name, True)]
-    head = ["joint", *(row.heading for row in columns)]
     for run in runs:
+        zero = zero_of(run.results)
+        head = ["joint", *(row.heading.format(zero=zero) for row in columns)]
         rows = [
             [name, *(row.factor * values[row.name] for row in columns)]
             for name, values in measures.joint_measures(run.results).items()
         ]
         pieces.append(table(f"Motion of the joints ({run.label})", head, rows))
-    pieces.append(
-        paragraph(
-            "Residual values are the mean over the last second (or over the whole run, if shorter) "
-            "minus the value in the static state. Shares are percentages of area and time.",
-            "note",
+        text = (
+            f"Slips count from the {zero}. Residual values are the mean over the last second (or "
+            f"over the whole run, if shorter) minus the value in the {zero}. Shares are "
+            "percentages of area and time."
         )
-    )
+        pieces.append(paragraph(text, "note"))
     pieces += [_area(run) for run in runs]
     run = content.main if content.main in runs else runs[0]
     pieces.append(_histories(content, run))
@@ -90,7 +90,7 @@ def _histories(content: Content, run: Run) -> Html:
         for panel, row in zip(curves, rows, strict=True):
             values = row.factor * joint_values.values[row.key]
             panel.append((joint, joint_values.time, np.where(np.isinf(values), np.nan, values)))
-    titles = [row.heading for row in rows]
+    titles = [row.heading.replace(" [", f"{since(run.results, row.key)} [") for row in rows]
     spec = panels(curves, titles, "time [s]", shown=len(run.results.joints))
     least = min((np.nanmin(v) for _, _, v in curves[-1] if np.isfinite(v).any()), default=0.0)
     safest = max(_SAFEST, float(np.ceil(1.5 * least)))
@@ -110,9 +110,11 @@ def _maps(content: Content, run: Run) -> list[Html]:
             _profiles(content, run, "joints_largest", moment, time=time),
             _profiles(content, run, "joints_opening", *_time_of_largest(run, "opening")),
         ]
-    start = float(run.results.time("states")[0])
+    shown, maps, zero = [], JointMaps(run.results), zero_of(run.results)
+    stage = -1 if run.results.stage_names else None
+    words = f"Normal traction in the {zero}, {run.label}."
+    shown.append(_map(content, "static", maps.draw("normal", None, 0, stage), words))
     drawn: list[tuple[str, Any, float | None, str]] = [
-        ("static", "normal", start, "Normal traction in the static state"),
         ("normal", "normal", time, f"Normal traction at {moment}"),
         _largest(run, "opening", "opening"),
         _largest(run, "slip", "tangential_gap"),
@@ -121,7 +123,6 @@ def _maps(content: Content, run: Run) -> list[Html]:
     ]
     if "status" not in {n.split("/")[-1] for n in run.results.streams["states"]}:
         drawn.pop()
-    shown, maps = [], JointMaps(run.results)
     for name, quantity, at, words in drawn:
         picture = maps.draw(quantity, at)
         words += f", {run.label}"
@@ -135,9 +136,10 @@ def _maps(content: Content, run: Run) -> list[Html]:
 def _largest(run: Run, kind: str, name: str) -> tuple[str, Any, float | None, str]:
     """Return the map of opening or slip over all steps, or at a record if the run has not ended."""
     if run.has("joint_maxima"):
-        return name, f"largest_{kind}", None, f"Largest {kind} of each point over all steps"
+        words = f"Largest {kind} of each point over all steps{since(run.results, kind)}"
+        return name, f"largest_{kind}", None, words
     moment, time = _time_of_largest(run, kind)
-    return name, kind, time, f"{kind.capitalize()} at {moment}"
+    return name, kind, time, f"{name.replace('_', ' ').capitalize()} at {moment}"
 
 
 def _time_of_largest(run: Run, kind: str) -> tuple[str, float]:

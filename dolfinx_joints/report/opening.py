@@ -13,7 +13,7 @@ from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERRO
 from dolfinx_joints.postprocessing import measures, peaks, views
 from dolfinx_joints.postprocessing.energy_lines import energy_lines, joint_losses
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
-from dolfinx_joints.postprocessing.frames import frame_name
+from dolfinx_joints.postprocessing.frames import common_frame, frame_name, zero_name
 from dolfinx_joints.postprocessing.peaks import Peak
 from dolfinx_joints.report.page import (
     Cell,
@@ -26,14 +26,14 @@ from dolfinx_joints.report.page import (
     table,
     valued,
 )
-from dolfinx_joints.report.runs import Content, Run, components, largest_moment
+from dolfinx_joints.report.runs import Content, Run, components, largest_moment, zeros
 from dolfinx_joints.report.static_section import gaps_note, jump_warnings
 from dolfinx_joints.results.quantities import ENERGY_TERMS
 from dolfinx_joints.results.resolved import beyond
 
 JOINT_NOTE = (
     "Opening is the positive part of the normal gap. Slip is the relative tangential displacement "
-    "of the two sides since the static state. Safety against sliding is the resistance by friction "
+    "of the two sides {zero}. Safety against sliding is the resistance by friction "
     "and bond divided by the shear force, each summed over the joint; a dash means undefined."
 )
 _AXES = {2: "x (downstream) and y (up).", 3: "x (downstream), y (left bank) and z (up)."}
@@ -54,7 +54,8 @@ def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
     pieces += [_joints(run) for run in runs if run.results.joints and run.has("states")]
     if any(run.results.joints and run.has("states") for run in runs):
         axes = _AXES[len(components(runs))]
-        pieces.append(paragraph(f"{JOINT_NOTE} Coordinates are {axes}", "note"))
+        note = JOINT_NOTE.format(zero=common_frame({r.label: zero_name(r.results) for r in runs}))
+        pieces.append(paragraph(f"{note} Coordinates are {axes}", "note"))
     warnings = [text for run in content.runs for text in (*doubts(run), *_unresolved(run, band))]
     pieces.append(heading("Warnings"))
     pieces.append(bullets(warnings or ["None."]))
@@ -208,7 +209,7 @@ def _energy_error(run: Run) -> Cell:
     return None if value is None else valued(float(value), "of the largest energy")
 
 
-_SINCE = "since the last static state"
+_SINCE = "since the first record"
 
 
 def _rows(band: float, runs: Sequence[Run]) -> Sequence[tuple[str, Callable[[Run], Cell]]]:
@@ -216,7 +217,7 @@ def _rows(band: float, runs: Sequence[Run]) -> Sequence[tuple[str, Callable[[Run
     named = measures.band_name(band, *(run.results for run in runs))
     acceleration = f"crest acceleration, absolute, {named} [m/s²]"
     return (
-        ("crest displacement from the static state [mm]", _crest_displacement),
+        (f"crest displacement {zeros(run for run in runs if run.moves)} [mm]", _crest_displacement),
         (acceleration, partial(_crest_acceleration, band=band)),
         (f"largest tension {_SINCE} [MPa]", _stress("principal_max")),
         (f"largest compression {_SINCE} [MPa]", _stress("principal_min")),

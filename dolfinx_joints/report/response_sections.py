@@ -23,7 +23,7 @@ from dolfinx_joints.postprocessing.frames import (
     has_ground_motion,
 )
 from dolfinx_joints.report.page import Curve, Html, Section, details, panels, paragraph, table
-from dolfinx_joints.report.runs import Content, Run, components, nothing
+from dolfinx_joints.report.runs import Content, Run, components, nothing, zeros
 from dolfinx_joints.results.arguments import Component
 
 FREQUENCIES = 15.0  # end of the frequency axes [Hz]
@@ -40,9 +40,8 @@ def displacements(content: Content) -> Section:
         return nothing("displacements", _DISPLACEMENTS, "histories of two records or more")
     pieces = [
         paragraph(
-            f"Displacements are {_frames(runs)}, minus the static state, which is the first "
-            "record. Click a name in a legend to show or hide a run; only two runs are visible "
-            "at first.",
+            f"Displacements are {_frames(runs)}, {zeros(runs)}. Click a name in a legend to show "
+            "or hide a run; only two runs are visible at first.",
             "note",
         ),
         table(
@@ -163,7 +162,7 @@ def _histories(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
         return time, 1e3 * u
 
     titles = [f"{component} [mm]" for component in components(runs)]
-    caption = f"Displacement of {name} from the static state against time."
+    caption = f"Displacement of {name} {zeros(runs)} against time."
     return panels(_curves(runs, name, history), titles, "time [s]"), caption
 
 

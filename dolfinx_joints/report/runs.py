@@ -7,20 +7,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.errors import ResultsError, warn
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.body import jointed_groups
-from dolfinx_joints.postprocessing.frames import reference_displacement, usual_reference
+from dolfinx_joints.postprocessing.frames import common_frame, usual_reference, zero_name
 from dolfinx_joints.postprocessing.joints.surface import is_plane
+from dolfinx_joints.postprocessing.peaks import main_values
 from dolfinx_joints.report.page import Drawings, Section, paragraph, plain
-from dolfinx_joints.results.arguments import Component
-from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.arguments import COMPONENTS, Component
+from dolfinx_joints.results.reader import Results, listing
 
 _ENDINGS = (".h5", ".hdf5")
 
@@ -173,6 +174,24 @@ def linear_and_jointed(runs: Sequence[Run]) -> tuple[Run | None, Run]:
     return None, (with_joints or moving)[0]
 
 
+def zeros(runs: Iterable[Run]) -> str:
+    """Return the state from which shown displacements count, by run if they differ."""
+    return common_frame({run.label: zero_name(run.results, run.relative_to) for run in runs})
+
+
+def _warn_of_bars(runs: Sequence[Run], bars: Mapping[str, tuple[float, float]]) -> None:
+    """Warn of error bars whose name or value no run has."""
+    band = measures.common_band(*(run.results for run in runs if run.has("histories")))
+    values = [main_values(run.results, band=band) for run in runs]
+    unshown = [
+        name
+        for name, (given, _) in bars.items()
+        if not any(np.isclose(run.get(name, np.nan), given, rtol=1e-6, atol=0.0) for run in values)
+    ]
+    if unshown:
+        warn(f"Error bars are not shown, as no run has these values: {listing(unshown)}.")
+
+
 def largest_moment(run: Run) -> tuple[float, str]:
     """Return the time [s] of the recorded state with the first point's largest displacement.
 
@@ -182,12 +201,11 @@ def largest_moment(run: Run) -> tuple[float, str]:
     moments = results.time("states")
     if not run.has("histories", "displacement"):
         return float(moments[-1]), "the last record"
-    u = results.series("histories", "displacement")[:, 0]
-    u = u - reference_displacement(results, run.relative_to)
-    times = results.time("histories")
-    rows = [int(np.argmin(np.abs(times - moment))) for moment in moments]
-    largest = int(np.argmax(np.linalg.norm(u[rows] - u[0], axis=1)))
-    words = f"the largest displacement of {results.point_names[0]} from the static state"
+    history = partial(measures.displacement_history, results, 0, relative_to=run.relative_to)
+    u = np.stack([history(component)[1] for component in COMPONENTS], axis=1)
+    rows = [results.nearest("histories", float(moment)) for moment in moments]
+    largest = int(np.argmax(np.linalg.norm(u[rows], axis=1)))
+    words = f"the largest displacement of {results.point_names[0]} {zeros([run])}"
     return float(moments[largest]), f"{words} among the recorded states"
 
 
@@ -203,7 +221,10 @@ def opened(
     with ExitStack() as stack:
         files = [stack.enter_context(Results(path)) for path in paths]
         names = _names(resolved)
-        yield [Run(file, name, bars or {}) for file, name in zip(files, names, strict=True)]
+        runs = [Run(file, name, bars or {}) for file, name in zip(files, names, strict=True)]
+        if bars:
+            _warn_of_bars(runs, bars)
+        yield runs
 
 
 def nothing(name: str, title: str, missing: str) -> Section:

@@ -40,8 +40,8 @@ def statics(content: Content) -> Section:
     if not pieces:
         return nothing("statics", title, "static state")
     note = (
-        "Displacements are relative to the unloaded body. For files without named stages, the "
-        "state at the start of the earthquake is shown."
+        "Displacements are relative to the unloaded body. For files without static stages, the "
+        "first record is shown."
     )
     return Section("statics", title, [paragraph(note, "note"), *_pictures(content), *pieces])
 
@@ -93,7 +93,7 @@ def stages(run: Run) -> list[StaticStage]:
     joints = results.joints if run.has("states") else []
     return [
         StaticStage(
-            name="static state",
+            name="first record",
             load_time=float(results.time("histories")[0]),
             displacement=dict(zip(results.point_names, moved, strict=True)),
             reaction={},

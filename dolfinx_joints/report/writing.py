@@ -42,7 +42,7 @@ def write(
         with_3d: Include the 3-D view and pictures of the body, the largest part of the file.
         add: Function that returns further sections and the runs to compare.
         bars: Error bars of the main results, `Accuracy.bars`. An error is shown next to each value
-            that equals a value of the study.
+            that equals a value of the study; a warning names the others.
 
     Returns:
         The path of the HTML file.
@@ -51,15 +51,17 @@ def write(
         ResultsError: A file cannot be read, a package is missing, or ``out`` cannot be written.
     """
     good = bars is None or (
-        isinstance(bars, Mapping) and all(np.shape(bar) == (2,) for bar in bars.values())
+        isinstance(bars, Mapping)
+        and all(np.shape(b) == (2,) and np.isfinite(b[0]) and b[1] >= 0.0 for b in bars.values())
     )
-    check_kind_of("bars", bars, good, "pairs of value and error by name, as in Accuracy.bars")
+    wanted = "pairs of a number and an error of 0 or more by name, as in Accuracy.bars"
+    check_kind_of("bars", bars, good, wanted)
     target = Path(out)
     if target.suffix.lower() not in (".html", ".htm"):
         raise ResultsError(f"A report needs a file name that ends in .html, got {target}.")
     _check_packages()
     muted = warnings.catch_warnings(action="ignore", category=PlausibilityWarning)
-    with opened(results, bars) as runs, _written(target), muted:  # the report lists the warnings
+    with muted, opened(results, bars) as runs, _written(target):  # the report lists the warnings
         target.parent.mkdir(parents=True, exist_ok=True)
         added = add(runs) if add else Addition()
         reference, main = linear_and_jointed(runs)

@@ -52,6 +52,22 @@ def gaps(results: Results, stream: str, joint: str, index: int | slice = slice(N
     return np.where(tied_points(results, joint)[:, None], 0.0, gap)
 
 
+def zero_of(results: Results) -> str:
+    """Return "static state", from which displacements and slips count, or else "first record"."""
+    return "static state" if results.stage_names else "first record"
+
+
+def since(results: Results, name: str) -> str:
+    """Return `zero_of` in words to follow the name of a slip, an empty text for other names."""
+    return f" from the {zero_of(results)}" if name.endswith("slip") else ""
+
+
+def zero_gap(results: Results, joint: str) -> Floats:
+    """Return the gaps of the state `zero_of`, shape (1, n, 3), or (0, n, 3) without records [m]."""
+    stream, rows = ("statics", slice(-1, None)) if results.stage_names else ("states", slice(1))
+    return gaps(results, stream, joint, rows)
+
+
 def joint_area(results: Results) -> str:
     """Return the area of all joints as text, with the tied share if it is not zero."""
     area, free = 0.0, 0.0

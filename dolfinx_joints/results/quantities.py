@@ -27,7 +27,8 @@ class JointPoints(NamedTuple):
 
     Attributes:
         gap: Components (n, s1, s2), shape (..., points, 3), [m].
-        slip: Tangential gap since the first record, shape (..., points, 2), [m].
+        slip: Tangential gap since the last static stage, without stages since the first record,
+            shape (..., points, 2), [m].
         traction: Components (n, s1, s2), shape (..., points, 3), [Pa].
         cohesion: Cohesion where a bond is intact, zero elsewhere, shape (..., points), [Pa].
     """
@@ -233,7 +234,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
     ),
     # From `joint_measures`, not in files; the end of this module adds rows from "joints".
     "measures": (
-        Q("opening_static", "m", "static opening", "mm"),
+        Q("opening_static", "m", "opening in the {zero}", "mm"),
         Q("opening_residual", "m", "residual opening", "mm"),
         Q("slip_residual", "m", "residual slip", "mm"),
         Q("share_open", "-", "open", "%"),
@@ -294,7 +295,7 @@ TABLE["joint_maxima"] = (
     *rows_by("largest"),
     Q("*/tension", "Pa", "largest tension", "MPa", of=lambda p: p.traction[..., 0]),
     Q("*/shear", "Pa", "largest tangential traction", "MPa", of=lambda p: p.shear),
-    Q("*/slid", "-", text="1 where a point slid in any step, zero elsewhere"),
+    Q("*/slid", "-", text="1 where a point slid in any step, zero elsewhere", dtype=np.int8),
 )
 # Series of a joint that figures show. The measures include their largest values and times.
 JOINT_SERIES = tuple(row for row in rows_by("largest", "mean") if row.label)

@@ -208,7 +208,7 @@ class Results(Summarised):
     def stage_index(self, stage: int | str) -> int:
         """Return the record in the stream ``statics`` of a stage given by its name or number.
 
-        Negative numbers count from the end. Of several stages of one name the last is returned.
+        Numbers start at 0, negative ones at the end. The last stage of several of one name counts.
         """
         names = self.stage_names
         if isinstance(stage, str) and stage in names:
@@ -216,7 +216,8 @@ class Results(Summarised):
         if not isinstance(stage, str) and -len(names) <= stage < len(names):
             return stage % len(names)
         raise ResultsError(
-            f"No static stage {shown(stage)} in {self.path}; it has {listing(names)}."
+            f"No static stage {shown(stage)} in {self.path}; it has "
+            f"{listing(f'{number} ({name})' for number, name in enumerate(names))}."
         )
 
     def static(self, name: str) -> NDArray[Any]:

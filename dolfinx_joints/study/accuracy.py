@@ -21,7 +21,7 @@ from dolfinx_joints.common.errors import StudyError
 from dolfinx_joints.postprocessing.peaks import main_values
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.study.extrapolation import Cost, cheapest, estimated_error
-from dolfinx_joints.study.runner import Study
+from dolfinx_joints.study.runner import MPIRUN, Study
 from dolfinx_joints.study.table import TABLE, Row, Table, read_rows, write_csv
 
 Run = Callable[..., str | Path | Mapping[str, float]]
@@ -37,11 +37,14 @@ _SECONDS, _CELLS, _DIMENSION, _DEGREE = "processor_s", "cells", "dimension", "de
 _OWN = (_SECONDS, _CELLS, _DIMENSION, _DEGREE)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class _Measured:
     """Function of a study that makes a run and returns its values and its processor time."""
 
     run: Run
+
+    def __repr__(self) -> str:
+        return repr(self.run)
 
     def __call__(
         self, folder: Path, *, size: float, dt: float, band: float, function: str
@@ -190,6 +193,8 @@ def accuracy(
         ValueError: A direction has a single factor, or a factor is not positive or is 1.
         StudyError: A run failed, the folder contains another study, or several ranks call.
     """
+    if MPIRUN & os.environ.keys():
+        raise StudyError("accuracy starts its runs as separate processes: call it without mpirun.")
     cases = _with_earlier(Path(path), _cases(run, size, dt, steps, cells))
     study = Study(path, _Measured(run), cases)
     cores = len(os.sched_getaffinity(0))

@@ -29,13 +29,13 @@ class Fragility(Summarised):
 
     Confidence intervals have a level of 95 %. They follow from the Fisher information of a probit
     regression (McCullagh and Nelder 1989, chapter 4). The runs are assumed to be independent: the
-    intervals are too narrow if a few records are run at many scales. A fraction counts as one run.
+    intervals are too narrow if a few records are run at many scales.
 
     Attributes:
         median: Intensity with a probability of exceedance of 0.5, in the unit of the intensities.
         dispersion: Standard deviation of the logarithm of the intensity.
         intensity: Intensities of the runs, shape (runs,).
-        exceeded: Fraction of exceedance of each run, 0 to 1, shape (runs,).
+        exceeded: 1 for a run that exceeded the limit, otherwise 0, shape (runs,).
         limit: Limit of the response; None if only exceedances are known.
         response_name: Name and unit of the response and of its limit.
         intensity_name: Name and unit of the intensity.
@@ -143,9 +143,8 @@ def fragility(
 
     Args:
         intensity: Intensity of each run, positive, such as a column of `MotionSuite.table`.
-        response: Response of each run, of the same shape. Without ``limit``, whether each run
-            exceeded the limit, or the fraction of the runs at this intensity that exceeded the
-            limit, from 0 to 1. Runs with NaN are left out.
+        response: Response of each run, of the same shape. Without ``limit``, True (or 1) for each
+            run that exceeded the limit and False (or 0) for others. Runs with NaN are left out.
         limit: Limit that the response exceeds, in the unit of the response.
         response_name: Name of the response with its unit, such as ``opening [m]``.
         intensity_name: Name of the intensity with its unit.
@@ -164,12 +163,12 @@ def fragility(
     if (
         (positive is None or value is None or positive.ndim != 1 or positive.shape != value.shape)
         or not np.all((positive > 0.0) & np.isfinite(positive))
-        or np.any((value < 0.0) | (value > 1.0))
+        or not np.all(np.isin(value, (0.0, 1.0)) | np.isnan(value))
     ):
+        wanted = "values True or False, or responses and limit" if limit is None else "responses"
         raise ValueError(
-            "fragility needs finite, positive intensities and as many "
-            f"{'fractions from 0 to 1' if limit is None else 'responses'}; got "
-            f"{shown(intensity)} and {shown(response)}."
+            f"fragility needs finite, positive intensities and as many {wanted}; got "
+            f"{shown(intensity)} and {shown(response)}, limit={limit}."
         )
     has_value = ~np.isnan(value)
     x: Floats = positive[has_value]

@@ -47,6 +47,8 @@ from dolfinx_joints.study.table import (
     replace,
 )
 
+MPIRUN = {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"}  # variables of processes that mpirun started
+
 
 @dataclass(frozen=True, kw_only=True)
 class Tally:
@@ -156,7 +158,7 @@ class Study(Summarised):
         if unknown := set(only or ()) - self.cases.keys():
             allowed = ", ".join(self.cases)
             raise ValueError(f"There is no case {min(unknown)!r}; there are {allowed}.")
-        if executor is None and {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"} & os.environ.keys():
+        if executor is None and MPIRUN & os.environ.keys():
             raise StudyError(
                 "A study starts separate processes: run it without mpirun, or give Study.run "
                 "an MPIPoolExecutor and start it by mpirun -n N python3 -m mpi4py.futures."

@@ -18,7 +18,7 @@ import numpy as np
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.common.progress import LOGGER
-from dolfinx_joints.geometry.meshing.arguments import mesh_path
+from dolfinx_joints.geometry.meshing.arguments import check_all_ranks_load_dolfinx, mesh_path
 from dolfinx_joints.geometry.meshing.extrusion import (
     BoolArray,
     FloatArray,
@@ -131,8 +131,10 @@ def save(path: Path, gui: bool, duplicated: bool) -> None:
     Raises:
         ValueError: if the file cannot be written.
         MeshError: if joint faces cannot be duplicated.
+        JointsError: if not all ranks load DOLFINx.
     """
     if duplicated:  # needs DOLFINx, unlike the other meshes
+        check_all_ranks_load_dolfinx()
         from dolfinx_joints.geometry.meshing.duplicated_joints import duplicate_joints
 
         duplicate_joints()

@@ -136,14 +136,14 @@ def _search(
             f"{low[k]:.6g} to {high[k]:.6g} m. A direction with an angle has a sign, such as "
             f"'+{where[0]}'"
         )
-    if _is_at_axis(where, _DIRECTIONS) and real(where[1]) > 0:
+    if _is_at_axis(where, _DIRECTIONS) and 0.0 < real(where[1]) < 90.0:
         angle = {face: _angle(face, solid_of[face], str(where[0]), near) for face in unnamed}
         faces = [face for face in unnamed if angle[face] <= real(where[1])]
         return faces, "no mean normal of an unnamed outer face is within the angle"
     if not is_point(where):
         return [], (
             "it must be x, y or z at a number, 'min' or 'max'; a direction such as '-x' with an "
-            "angle; a point (x, y, z); or the name of a face in the file"
+            "angle between 0 and 90 degrees; a point (x, y, z); or the name of a face in the file"
         )
     tag = gmsh.model.occ.addPoint(*map(float, where))
     distance = {face: gmsh.model.occ.getDistance(0, tag, 2, face)[0] for face in solid_of}

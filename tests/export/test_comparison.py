@@ -16,6 +16,7 @@ from written_runs import write_distinct, write_run, write_stages, write_tip
 from dolfinx_joints import cli
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.export.comparison import Comparison, Difference, compare
+from dolfinx_joints.results.quantities import TABLE
 from dolfinx_joints.results.reader import STAGE_NAME_BYTES
 from dolfinx_joints.results.writer import ResultsWriter
 
@@ -188,6 +189,34 @@ def test_names_in_one_run_only(tmp_path: Path) -> None:
     assert "Only in b: joint joint_1, energy: joints/joint_1/" in str(comparison)
     tip, top = (write_tip(tmp_path / f"{n}.h5", 3, point_names=[n]) for n in ("tip", "top"))
     assert compare(tip, top).only == [["point tip"], ["point top"]]
+
+
+def test_streams_in_one_run_only(tmp_path: Path) -> None:
+    stages, run = write_stages(tmp_path / "stages.h5"), write_run(tmp_path / "run.h5")
+    assert [n for n in compare(run, stages).only[0] if "stream" in n or ":" in n] == [
+        "stream energy",
+        "stream histories",
+        "stream states",
+    ]
+    with ResultsWriter(tmp_path / "begun.h5", {"point_names": ["mid-crest"]}) as writer:
+        declare_histories(writer, [[1.0, 0.0, 2.0]])
+        writer.start()
+        writer.finish("failed", {})
+    comparison = compare(run, tmp_path / "begun.h5")
+    assert "histories: not compared, because b has no records." in comparison.notes
+
+
+def test_points_that_slid_in_one_run_are_listed_and_not_judged(run: Path, tmp_path: Path) -> None:
+    files = [Path(shutil.copy(run, tmp_path / name)) for name in ("one.h5", "two.h5")]
+    for slid, path in enumerate(files):
+        with h5py.File(path, "r+") as file:
+            stream = file["streams"].create_group("joint_maxima")
+            stream["time"], flags = [1.0], np.array([[0, 0, 1, slid]], dtype=np.int8)
+            stream["joint_1/slid"] = flags
+    comparison = compare(*files)
+    row = row_of(comparison, "joint_maxima/*/slid")
+    assert (row.difference, row.within) == (1.0, None)
+    assert TABLE["joint_maxima"][-1].dtype == np.int8  # in files of runs
 
 
 def test_points_are_compared_by_name(run: Path, tmp_path: Path) -> None:

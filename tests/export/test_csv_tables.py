@@ -232,7 +232,7 @@ def test_a_run_that_is_still_writing(tmp_path):
         with Results(tmp_path / "r.h5") as results:
             path, peaks = write_csv(results, tmp_path)
             assert results.status == "running"
-        moved = "displacement of crest from the static state"
+        moved = "displacement of crest from the first record"
         assert read(peaks)[1][0][:4] == [moved, "0.0", "m", "0.0"]
         assert column(path, "time [s]").tolist() == [0.0]
 

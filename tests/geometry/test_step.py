@@ -226,8 +226,9 @@ def test_the_mean_normal_of_a_quarter_of_a_cylinder(tmp_path):
             {"up": ("-x", "min")},
             "but it must be x, y or z at a number, 'min' or 'max'; a direction",
         ),
+        ({"up": ("-x", 95.0)}, "a direction such as '-x' with an angle between 0 and 90 degrees"),
     ],
-    ids=["distance", "edge", "twice", "name", "direction"],
+    ids=["distance", "edge", "twice", "name", "direction", "angle"],
 )
 def test_outer_faces_that_do_not_exist(tmp_path, arch, surfaces, sentence):
     with pytest.raises(ValueError, match=sentence) as failure:

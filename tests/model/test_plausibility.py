@@ -22,6 +22,7 @@ pytestmark = pytest.mark.mpi
 
 CONCRETE = {"young": 25e9, "poisson": 0.2, "density": 2400.0}
 COULOMB = {"friction_coefficient": 35.0}
+POINTS = {"top": (0.0, 0.0, 20.0)}
 JOINT = {"normal_stiffness": 1e11, "shear_stiffness": 4e10}
 
 
@@ -202,6 +203,34 @@ def test_loads_on_nothing(comm, wall):
             ValueError, match=f"integrates over the part {part} of a measure without"
         ):
             dj.Simulation(dj.Model(**given, supports=supports, loads=[load])).statics()
+
+
+def test_strengths(comm, wall):
+    """Strengths in other units, interchanged or of an unknown group, before any stage."""
+    model = dj.Model(
+        wall,
+        material=dj.Elastic(**CONCRETE),
+        joints=dj.FrictionNoTension(**JOINT, friction_angle_deg=35.0),
+        supports=[dj.Fixed(group="base")],
+    )
+
+    def texts(strength):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            monitor = dj.ResultsMonitor("s.h5", points=POINTS, envelopes=True, strength=strength)
+            dj.Simulation(model, monitors=[monitor])
+        return comm.bcast([str(w.message) for w in caught])
+
+    assert texts(dj.Strength(tensile=2e6, compressive=25e6)) == []
+    assert texts({"concrete": dj.Strength(tensile=3.0, compressive=30.0)}) == [
+        "Strength of concrete: tensile is 3 Pa; usual: 10000 to 3e+07 Pa; is it in MPa?",
+        "Strength of concrete: compressive is 30 Pa; usual: 100000 to 3e+08 Pa; is it in MPa?",
+    ]
+    assert texts(dj.Strength(tensile=25e6, compressive=2e6)) == [
+        "Strength: compressive is 2e+06 Pa, less than tensile 2.5e+07 Pa; are they interchanged?"
+    ]
+    with pytest.raises(dj.MeshError, match="damm.*concrete"):
+        texts({"damm": dj.Strength(tensile=2e6, compressive=25e6)})
 
 
 def test_a_mesh_in_millimetres_and_the_switch(comm):

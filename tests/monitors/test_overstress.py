@@ -8,6 +8,7 @@ PEAK = (3 lambda + 2 mu) alpha CHANGE in plane strain.
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from vtk_files import on_root
 
 import dolfinx_joints as dj
 from dolfinx_joints.postprocessing import views
+from dolfinx_joints.postprocessing.criteria.checks import CRITERIA
 from dolfinx_joints.postprocessing.envelopes import LEVELS, Envelopes
 
 pytestmark = pytest.mark.mpi
@@ -160,6 +162,31 @@ def test_a_run_without_strength_says_so(comm, new_path):
         dj.ResultsMonitor(path, points={}, strength=STRENGTH)
     with pytest.raises(ValueError, match="must be a Strength"):
         dj.ResultsMonitor(path, points={}, strength=2e6, envelopes=True)
+
+
+def test_the_page_and_the_docstring_name_all_limits():
+    page = (Path(__file__).parents[2] / "docs/guide/results.md").read_text(encoding="utf-8")
+    cells = [[c.strip() for c in line.split("|")[1:-1]] for line in page.splitlines()]
+    listed = {row[0].strip("`"): tuple(row[1:]) for row in cells if len(row) == 5}
+    for name, (text, unit, *limits) in CRITERIA.items():
+        words = ["none" if limit is None else f"{limit:g}" for limit in limits]
+        assert listed[name] == (text, unit, *words)
+        assert f"``{name}``" in dj.checks.__doc__
+
+
+def test_a_crest_at_the_lowest_node_has_no_drift(comm, new_path):
+    path = new_path("low.h5")
+    monitor = dj.ResultsMonitor(path, points={"low": (1.0, 0.0), "top": (1.0, 5.0)})
+    dj.Simulation(plate(), monitors=[monitor]).dynamics(dt=DT, steps=2)
+
+    def look():
+        with dj.Results(path) as results:
+            low, top = (dj.checks(results, "gravity", crest=c)[-1] for c in ("low", "top"))
+            assert (low.met, top.met) == ("not recorded", "no limit")
+            assert low.where == "low is not above the lowest node of the groups"
+            assert top.where == "top, height 5 m, from the first record"
+
+    on_root(comm, look)
 
 
 def test_jump_over_a_level_counts_its_share():

@@ -5,12 +5,14 @@
 from itertools import pairwise
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from declared import write_states
 from test_unrolled import FACETS, RADIUS, WIDTH, valley
-from written_runs import JOINT, NODES, SURFACE
+from written_runs import JOINT, NODES, SURFACE, write_run, write_stages
 
+from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.postprocessing.axes import pixels
 from dolfinx_joints.postprocessing.joints.maps import JointMaps
@@ -129,3 +131,16 @@ def test_a_joint_that_is_a_line_has_no_map(tmp_path: Path) -> None:
     plane = Results(write_states(tmp_path / "plane.h5", *given, point_names=[]))
     with plane, pytest.raises(ValueError, match="'joint_base' is a line of a plane model"):
         plots.joint_maps(plane)
+
+
+def test_largest_values_of_files_without_them(tmp_path):
+    files = [write_run(tmp_path / f"{n}.h5") for n in ("old", "begun")]
+    with h5py.File(files[1], "r+") as file:  # as in a run that is killed
+        file["status"][0] = b"running"
+        file["streams/joint_maxima/time"] = np.zeros(0)
+        file["streams/joint_maxima/joint_1/opening"] = np.zeros((0, 4))
+    files.append(write_stages(tmp_path / "stages.h5"))
+    for path, status in zip(files, ("complete", "running", "complete"), strict=True):
+        text = f"dynamic stage of this version records at its end; the file is {status}"
+        with Results(path) as results, pytest.raises(ResultsError, match=text):
+            plots.joint_maps(results, "largest_opening")

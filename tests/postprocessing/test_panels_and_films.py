@@ -26,6 +26,7 @@ def test_a_panel_for_each_joint_with_the_same_axes(tmp_path, quantity):
         figure = plots.joint_panels(results, quantity)
         unit = UNITS[re.search(r"\[(.*)\]", figure.get_supylabel())[1]]
         words = "mean pressure" if quantity == "mean_pressure" else f"largest {quantity}"
+        words += " from the first record" if quantity == "slip" else ""
         assert figure.get_supylabel().startswith(f"{words} [")
         shown = [ax for ax in figure.axes if ax.get_visible()]
         assert len(shown) == len(results.joints)

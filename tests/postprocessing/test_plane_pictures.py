@@ -14,13 +14,12 @@ pytest.importorskip("pyvista")
 
 from mpi4py import MPI
 
-from declared import write_states
 from dolfinx import mesh as dm
 
 import dolfinx_joints as dj
 from dolfinx_joints.postprocessing import plots, rendering, views
 from dolfinx_joints.postprocessing.joints.profiles import PROFILES, along
-from dolfinx_joints.postprocessing.joints.surface import map_value, state_of_map
+from dolfinx_joints.postprocessing.joints.surface import map_value
 
 COLUMNS = 4
 
@@ -144,15 +143,6 @@ def test_distances_along_a_shear_key():
     order, distance = along(points[mixed])
     assert sorted([np.array(mixed)[order].tolist(), np.arange(7).tolist()])[0] == [*range(7)]
     np.testing.assert_allclose(distance, 0.5 * np.arange(7))
-
-
-def test_largest_values_of_an_unfinished_file_are_missing(tmp_path):
-    given = (np.eye(3), [[0, 1, 2]], {})
-    path = write_states(tmp_path / "running.h5", *given)
-    with pytest.raises(
-        dj.ResultsError, match="no 'largest_slip': the run has not ended, or an ear"
-    ):
-        state_of_map(dj.Results(path), "largest_slip", None, -1, None)
 
 
 def test_maps_and_profiles_name_each_other(results):

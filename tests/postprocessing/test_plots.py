@@ -37,7 +37,7 @@ def test_history_says_what_it_shows(results: Results, tmp_path: Path) -> None:
     reference = Results(write_run(tmp_path / "behind.h5"))
     ax = plots.history(results, "mid-crest", "x", reference=reference)
     assert ax.get_xlabel() == "time [s]"
-    assert ax.get_ylabel() == "displacement x\nfrom the static state [mm]"
+    assert ax.get_ylabel() == "displacement x\nfrom the first record [mm]"
     assert ax.get_title(loc="left") == "mid-crest: displacement x, relative to the ground"
     names = [line.get_label() for line in ax.get_lines()]
     assert names == ["behind", "run"]  # names of files

@@ -61,7 +61,7 @@ def test_histories(runs: tuple[Results, Results], relative_to: str | None) -> No
         for run, (time, u) in zip((other, own), lines(ax), strict=True):
             same(time, run.time("histories"))
             same(u, moved(run, point, component, relative_to))
-        assert ax.get_ylabel() == f"displacement {component}\nfrom the static state [mm]"
+        assert ax.get_ylabel() == f"displacement {component}\nfrom the first record [mm]"
         assert ax.get_title(loc="left").startswith(f"{point}: displacement {component}")
 
 
@@ -284,14 +284,16 @@ def check_peaks(results: Results, table: dict[str, Any]) -> None:
         kind, _, of = what.partition(" of ")
         if kind == "displacement":
             point, _, datum = of.partition(" from ")
-            assert datum == "the static state"
+            assert datum == "the first record"
             known = measures.displacement_history(results, point, component)
         elif kind == "absolute acceleration":
             point, _, band = of.partition(" up to ")
             assert band == f"{measures.common_band(results):.3g} Hz"
             known = measures.acceleration_history(results, point, component)
         else:
-            extremes = measures.joint_extremes(results, of)
+            joint, *datum = of.split(" from ")
+            assert datum == ["the first record"] * (kind == "slip")
+            extremes = measures.joint_extremes(results, joint)
             known = extremes.time, getattr(extremes, kind)
         times, values = known
         at = np.nanargmin(values) if kind == "safety" else np.nanargmax(np.abs(values))
@@ -313,7 +315,7 @@ def test_tables(runs: tuple[Results, Results], tmp_path: Path) -> None:
             if values.ndim == 3:
                 shown, zero = f"raw {name}" if name == "acceleration" else name, ""
                 if name == "displacement":
-                    values, zero = values - values[0], " from the static state"
+                    values, zero = values - values[0], " from the first record"
                 for i, point in enumerate(own.point_names):
                     wanted[stream] |= by_axis(f"{shown} of {point}{zero}", values[:, i])
             else:
@@ -323,7 +325,8 @@ def test_tables(runs: tuple[Results, Results], tmp_path: Path) -> None:
     each = [measures.joint_extremes(own, joint) for joint in own.joints]
     for name in ("opening", "slip", "pressure"):
         values = np.concatenate([getattr(one, name) for one in each])
-        wanted["joint_extremes"][f"largest {name}"] = values
+        zero = " from the first record" if name == "slip" else ""
+        wanted["joint_extremes"][f"largest {name}{zero}"] = values
         if name != "pressure":
             places = np.concatenate([getattr(one, f"{name}_at") for one in each])
             wanted["joint_extremes"] |= by_axis(f"largest {name} at", places)

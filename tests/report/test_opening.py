@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Numbers of the first tables of a report, read back from its cells and compared with the file."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,7 @@ def after(cells: list[str], heading: str, name: str, count: int) -> list[str]:
 def test_what_matters_is_what_the_file_holds(tmp_path):
     files = [write_run(tmp_path / f"{n}.h5", n) for n in ("linear", "joints")]
     cells = cells_of(files, tmp_path)
-    for name in ("crest displacement from the static state [mm]", "energy error"):
+    for name in ("crest displacement from the first record [mm]", "energy error"):
         assert name in cells
     with Results(files[1]) as results:
         point = "mid-crest"
@@ -46,7 +47,7 @@ def test_what_matters_is_what_the_file_holds(tmp_path):
         )
         time, u = measures.displacement_history(results, point, best)
         at = int(np.argmax(np.abs(u)))
-        shown = after(cells, "linear", "crest displacement from the static state [mm]", 2)[1]
+        shown = after(cells, "linear", "crest displacement from the first record [mm]", 2)[1]
         value, where = shown.split(" ", 1)
         assert float(value) == pytest.approx(1e3 * u[at], rel=1e-3)  # mm
         assert where == f"{point} {best}, {time[at]:.4g} s"
@@ -79,7 +80,7 @@ def test_error_bars_are_next_to_the_values_of_their_run(tmp_path):
         values = peaks.main_values(results)
     bars = {name: (value, 0.125 * value) for name, value in values.items()}
     cells = cells_of(files, tmp_path, bars=bars)
-    title = "crest displacement from the static state [mm]"
+    title = "crest displacement from the first record [mm]"
     linear, joints = after(cells, "linear", title, 2)
     assert "±" not in linear
     assert joints.split(" ", 1)[1].startswith("± 0.1625, mid-crest ")  # of 1.3 mm
@@ -91,6 +92,17 @@ def test_error_bars_are_next_to_the_values_of_their_run(tmp_path):
     cells = cells_of(files, tmp_path, bars=bars)
     opening, *_ = after(cells, "smallest safety", "joint_1", 1)
     assert opening == "3.000 grows with finer cells, 1 s at (0.5, 0, 1.5) m"
+
+
+def test_error_bars_without_a_place_are_refused_or_named(tmp_path):
+    file, name = write_run(tmp_path / "r.h5"), "joint_1: opening [m]"
+    for bar in ((np.nan, 1e-4), (3e-3, np.nan), (3e-3, -1.0)):
+        with pytest.raises(ValueError, match="must be pairs of a number and an error of 0 or"):
+            cells_of([file], tmp_path, bars={name: bar})
+    other_band = "crest acceleration below 12.5 Hz [m/s^2]"
+    bars = {"openning [m]": (3e-3, 1e-4), other_band: (1.0, 0.1), name: (2e-3, 1e-4)}
+    with pytest.warns(UserWarning, match=re.escape(f"these values: {', '.join(bars)}.")):
+        cells_of([file], tmp_path, bars=bars)
 
 
 @pytest.mark.parametrize("heights", [[10.0, 9.95, 4.0, 0.0], [10.0, 10.0 + 2e-15]])
@@ -116,12 +128,12 @@ def test_largest_tension_has_its_place(tmp_path):
         assert np.isnan(peaks.stress_peak(results, "arch_max").value)
     cells = cells_of([path], tmp_path)
     x, y, z = NODES[-1]
-    assert after(cells, "e", "largest tension since the last static state [MPa]", 1) == [
+    assert after(cells, "e", "largest tension since the first record [MPa]", 1) == [
         f"2.000 at ({x:g}, {y:g}, {z:g}) m"
     ]
-    assert after(cells, "e", "largest compression since the last static state [MPa]", 1)[
-        0
-    ].startswith("-2.000 at ")
+    assert after(cells, "e", "largest compression since the first record [MPa]", 1)[0].startswith(
+        "-2.000 at "
+    )
 
 
 def test_a_file_with_joints_and_no_records_is_reported(tmp_path):
@@ -158,11 +170,11 @@ def test_blocks_that_are_absent_are_told_by_the_pictures(tmp_path):
 
 def test_a_file_without_stages_shows_its_first_record(tmp_path):
     cells = cells_of([write_run(tmp_path / "joints.h5")], tmp_path)
-    assert after(cells, "static state", "mid-crest", 3) == ["0", "0", "0"]
+    assert after(cells, "first record", "mid-crest", 3) == ["0", "0", "0"]
     # The lower two points are pressed by 1 micrometre at 1e11 Pa/m: 0.1 MPa on 2 m^2.
-    head = cells[cells.index("joint", cells.index("static state")) + 1 :]
+    head = cells[cells.index("joint", cells.index("first record")) + 1 :]
     found = after(
-        cells[cells.index("joint", cells.index("static state")) :], "static state", "joint_1", 8
+        cells[cells.index("joint", cells.index("first record")) :], "first record", "joint_1", 8
     )
     row = dict(zip(head, found, strict=False))
     assert row["largest pressure [MPa]"] == "0.1"

@@ -90,7 +90,7 @@ def test_cells_of_motions_are_measures(two: tuple[str, dict[str, Results]]) -> N
             for label, run in runs.items():
                 stress = measures.stress_extremes(run)[name]
                 shown(
-                    tables.value(f"largest {words} since the last static state [MPa]", label),
+                    tables.value(f"largest {words} since the first record [MPa]", label),
                     stress,
                 )
 
@@ -102,10 +102,10 @@ def test_pictures_of_histories_show_what_their_captions_say(
     folder = runs["a"].path.parent
     drawn = {path.stem: each for path, each in PICTURES.items() if path.is_relative_to(folder)}
     for number, point in enumerate(POINTS, 1):
-        assert f"<figcaption>Displacement of {point} from the static state against time." in html
+        assert f"<figcaption>Displacement of {point} from the first record against time." in html
         for component in "xyz":
             ax = drawn[f"history_{number}_{component}"]
-            assert ax.get_ylabel().startswith(f"displacement {component}\nfrom the static state [")
+            assert ax.get_ylabel().startswith(f"displacement {component}\nfrom the first record [")
             _, expected = measures.displacement_history(runs["a"], point, component)  # type: ignore[arg-type]
             np.testing.assert_allclose(lines(ax)[-1][1], expected, rtol=1e-12, atol=1e-15)
 
@@ -120,7 +120,7 @@ def test_cells_of_joints_are_measures(tmp_path: Path) -> None:
     with Results(path) as run:
         for joint, found in measures.joint_measures(run).items():
             for words, name in {
-                "static opening": "opening_static",
+                "opening in the first record": "opening_static",
                 "largest opening [": "opening_max",
                 "residual opening": "opening_residual",
                 "largest opening at": "opening_time",

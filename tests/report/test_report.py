@@ -136,7 +136,7 @@ def unpacked(packed: dict[str, str]) -> np.ndarray:
 def test_a_free_field_is_shown_relative_to_its_surface(tmp_path):
     """The file's displacements reach 250 mm; without the ground's they are those of ``plain``."""
     page, html = page_of([write_run(tmp_path / "waves.h5", waves=True)], tmp_path)
-    assert "Displacements are relative to the free surface, minus the static state" in html
+    assert "Displacements are relative to the free surface, from the first record." in html
     shown = next(cell for cell in page.cells if cell.endswith("s, relative to the free surface"))
     assert abs(float(shown.split(" ")[0].replace("\N{MINUS SIGN}", "-"))) == pytest.approx(
         1.3, 5e-3
@@ -160,8 +160,8 @@ def test_runs_say_what_each_is_relative_to(tmp_path):
     paths = [write_run(tmp_path / f"{n}.h5", waves=n == "waves") for n in ("waves", "motion")]
     _, html = page_of(paths, tmp_path)
     frames = (
-        "relative to the free surface in waves, relative to the ground in motion, minus the static "
-        "state"
+        "relative to the free surface in waves, relative to the ground in motion, from the first "
+        "record."
     )
     assert f"Displacements are {frames}" in html
 
@@ -222,7 +222,7 @@ def test_pictures_beside_a_file_of_static_stages_are_of_the_run_that_is_named(tm
     assert "Runs: first (2 static stages), second (0.1 s). Pictures show second." in html
     captions = re.findall("<figcaption>(.*?)</figcaption>", html)
     assert "second at t = " in captions[0]  # the dam, deformed
-    assert not any("first" in caption for caption in captions)
+    assert not any("first at" in caption or "first after" in caption for caption in captions)
 
 
 def test_static_stages_alone_have_maps_of_the_last(tmp_path):

@@ -12,9 +12,10 @@ from dolfinx_joints.study import fragility, write_csv
 
 
 def test_exact_shares_give_the_curve_back():
-    # The likelihood is largest where every share is the probability.
-    intensity = np.linspace(0.5, 8.0, 12)
-    curve = fragility(intensity, norm.cdf(np.log(intensity / 3.0) / 0.4))
+    # The likelihood is largest where every share is the probability: k of ten runs at intensity k.
+    shares = np.arange(1, 10) / 10
+    intensity = np.repeat(3.0 * np.exp(0.4 * norm.ppf(shares)), 10)
+    curve = fragility(intensity, [i < k for k in range(1, 10) for i in range(10)])
     assert curve.median == pytest.approx(3.0, rel=1e-6)
     assert curve.dispersion == pytest.approx(0.4, rel=1e-5)
     np.testing.assert_allclose(curve(3.0), 0.5, atol=1e-6)
@@ -51,7 +52,9 @@ def test_two_intensities_have_the_shares_of_their_runs(counts):
         ([0, 0, 1, 1], "in every run above 2 and in no run below"),
         # The mean logarithm where it is exceeded is lower: ln 4 / 2 and ln 6 / 2.
         ([1, 0, 0, 1], "not exceeded more often at higher intensities"),
-        ([0, 0, 1], "as many fractions from 0 to 1"),
+        ([0, 0, 1], "as many values True or False"),
+        # Openings in metres are no fractions of runs.
+        ([0.001, 0.002, 0.003, 0.004], "values True or False, or responses and limit"),
     ],
 )
 def test_runs_that_do_not_tell(exceeded, message):

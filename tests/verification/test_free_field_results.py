@@ -107,6 +107,40 @@ def test_displacements_are_absolute_and_relative_to_what_is_named(results):
 
 
 @pytest.mark.mpi
+def test_a_continued_run_is_relative_to_the_ground_since_its_first_record(comm, new_path):
+    """The top is the free surface, whose displacement before the second run is not in its file."""
+    path = new_path("second.h5")
+    jointed = ground(comm, CellType.quadrilateral, [WIDTH, HEIGHT], [1, 20])
+    supports = [dj.ViscousBoundary(group="base"), *one_way(jointed, 0)]
+    model = dj.Model(jointed, material=ROCK, supports=supports, body=dj.Body(degree=2))
+    simulation = dj.Simulation(model)
+    simulation.statics()
+    loads = [dj.FreeField(groups=["base"], incident=incident, surface=HEIGHT)]
+    state = simulation.dynamics(dt=DT, steps=260, loads=loads).state
+    simulation.monitors.append(dj.ResultsMonitor(path, points=POINTS, every=40))
+    simulation.dynamics(dt=DT, steps=80, loads=loads, start=state)
+    if comm.rank:
+        return
+    with dj.Results(path) as results:
+        time, u = measures.displacement_history(results, "top", "x", relative_to="ground")
+        np.testing.assert_allclose(u, 0.0, atol=4e-3 * LEFT)
+        assert np.ptp(displacement(time, HEIGHT)) > 0.2 * LEFT
+        axis = plots.history(results, "top", "x", relative_to="ground").get_ylabel()
+        assert axis.endswith("from the first record [mm]")
+        assert (
+            plots.history(results, "top", "x").get_ylabel().endswith("from the static state [mm]")
+        )
+        shape, what = nodal_displacement(results, -1, "ground", from_static=True)
+        exact = [displacement(time, z)[[-1, 0]] for z in results.static("mesh/nodes")[:, 1]]
+        surface = displacement(time, HEIGHT)
+        exact = np.subtract(*np.transpose(exact)) - (surface[-1] - surface[0])
+        np.testing.assert_allclose(shape[:, 0], exact, atol=8e-3 * LEFT)
+        assert what == "from the first record, relative to the free surface"
+        with pytest.raises(dj.ResultsError, match="has no displacement of the ground before"):
+            measures.displacement_history(results, "top", "x", "ground", from_static=False)
+
+
+@pytest.mark.mpi
 def test_accelerations_are_absolute_once(results):
     time, a = measures.acceleration_history(results, "top", "x", band=None)
     exact = acceleration(time)
@@ -195,7 +229,7 @@ def test_figures_tables_and_rows_say_what_they_show(results):
         assert title.endswith(text)
     assert frame_name(results, "ground") == "relative to the free surface"
     table = tables_of(results)["histories"]
-    column = table.header.index("absolute displacement of top from the static state x [m]")
+    column = table.header.index("absolute displacement of top from the first record x [m]")
     assert table.rows[-1][column] == pytest.approx(LEFT, rel=2e-3)
     assert "free_surface_velocity x [m/s]" in table.header
     row = summary_row(results, band=None)

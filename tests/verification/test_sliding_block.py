@@ -201,7 +201,7 @@ def test_checks_of_the_joint(comm, new_path, share):
                 assert (safety.value, safety.met) == (pytest.approx(1.0), "no")
                 drift = rows["crest displacement / height"]
                 assert (drift.value, drift.met) == (pytest.approx(slip / 0.3, rel=1e-3), "no")
-                assert drift.where == "top, height 0.3 m"
+                assert drift.where == "top, height 0.3 m, from the static state"
             else:
                 assert (slid.value, slid.met) == (0.0, "yes")
                 assert mean.value < 1e-5

@@ -25,11 +25,11 @@ from dolfinx_joints.common.parameters import check_kind_of, real
 from dolfinx_joints.postprocessing.body import Body, jointed_groups
 from dolfinx_joints.postprocessing.criteria.stresses import Found, StressRatios
 from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE
-from dolfinx_joints.postprocessing.frames import usual_reference
+from dolfinx_joints.postprocessing.frames import usual_reference, zero_name
 from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
 from dolfinx_joints.postprocessing.measures import displacement_history, joint_measures
 from dolfinx_joints.results.arguments import COMPONENTS, check_results
-from dolfinx_joints.results.joint_points import free_areas
+from dolfinx_joints.results.joint_points import free_areas, since
 from dolfinx_joints.results.reader import Results
 
 # By the name of the limit: criterion, unit, and limits of a gravity and an arch dam.
@@ -103,8 +103,10 @@ def checks(
             reports; all if no group has joints.
         crest: Monitor point whose largest horizontal displacement from the static state is compared
             with its height above the lowest node of the groups.
-        limits: Limits by the names of `CRITERIA`, in SI units; None for no limit. The sliding
-            safety has a lower limit. The limit of ``overstress_time`` is that at a ratio of 1.
+        limits: Limits in SI units, None for no limit: ``static_tension``, ``static_compression``,
+            ``tension``, ``compression``, ``overstressed_area``, ``overstress_time`` (at a ratio of
+            1), ``sliding_safety`` (a lower limit), ``mean_slip``, ``slid_area``, ``residual_slip``,
+            ``drift``.
     """
     check_results(results)
     if groups is None and "mesh/cells" in results.statics:
@@ -146,8 +148,8 @@ def _sliding(results: Results, joint: str, residual_slip: float) -> Iterator[Fou
         if is_recorded:
             values = results.series("joint_maxima", f"{joint}/{series}", -1)
             mean = float(values @ areas / areas.sum())
-        yield name, joint, mean, None
-    yield "residual_slip", joint, residual_slip, None
+        yield name, joint + since(results, name), mean, None
+    yield "residual_slip", joint + since(results, "slip"), residual_slip, None
 
 
 def _drift(results: Results, groups: Collection[str] | None, crest: str | None) -> Found:
@@ -159,7 +161,11 @@ def _drift(results: Results, groups: Collection[str] | None, crest: str | None) 
         return "drift", where, np.nan, None
     body, point = Body(results, groups), results.point_index(crest)
     up = 1 if body.plane else 2
-    height = results.static("histories/points")[point, up] - body.nodes[body.seen, up].min()
+    lowest = body.nodes[body.seen, up].min()
+    height = results.static("histories/points")[point, up] - lowest
+    if height <= 1e-6 * np.ptp(body.nodes[:, up]):  # rounding
+        return "drift", f"{crest} is not above the lowest node of the groups", np.nan, None
     moved = [displacement_history(results, crest, x, reference)[1] for x in COMPONENTS[:up]]
     largest = np.linalg.norm(moved, axis=0).max()
-    return "drift", f"{crest}, height {height:.4g} m", largest / height, None
+    where = f"{crest}, height {height:.4g} m, {zero_name(results, reference)}"
+    return "drift", where, largest / height, None

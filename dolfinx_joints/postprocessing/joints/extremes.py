@@ -14,7 +14,7 @@ import numpy as np
 
 from dolfinx_joints.common.arrays import Flags, Floats
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.results.joint_points import free_areas, gaps, tied_points
+from dolfinx_joints.results.joint_points import free_areas, gaps, tied_points, zero_gap
 from dolfinx_joints.results.quantities import (
     JOINT_SERIES,
     TABLE,
@@ -42,7 +42,7 @@ class JointExtremes:
     """Time histories of the extremes of a joint's points, its mean pressure and its safety.
 
     Each series in ``values`` is also an attribute. ``opening`` and ``slip`` are the largest values
-    of all points [m]; the slip is the change of the tangential gap since the first record.
+    of all points [m]; the slip is the change of the tangential gap since the state `zero_of`.
     ``opening_at`` and ``slip_at`` are the points with these values, shape (records, 3), [m], NaN if
     all values are zero. ``pressure`` is the largest and ``mean_pressure`` the mean contact pressure
     [Pa], without the pressure of water in the joint. ``safety`` is `safety_against_sliding`. Series
@@ -162,7 +162,8 @@ def state_points(
     intact = np.zeros(traction.shape[:-1], dtype=bool)
     if f"{where}/broken" in results.streams[stream]:
         intact = results.series(stream, f"{where}/broken", rows) == 0
-    return JointPoints(gap, gap[..., 1:] - gap[:1, :, 1:], traction, cohesion * intact)
+    slip = (gap - zero_gap(results, joint))[..., 1:]
+    return JointPoints(gap, slip, traction, cohesion * intact)
 
 
 def drawn_series(joints: Iterable[JointExtremes]) -> list[Quantity]:

@@ -58,9 +58,9 @@ def joint_maps(
     elevation axis. Other joints are below; curved joints are unrolled.
 
     The state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or the
-    static ``stage`` of this name or number. In maps of tractions open points are black. The slip is
-    the tangential gap. Tied points, at the end of a joint inside a body, are hatched. Quantities
-    ``largest_...`` are the largest values of each point over all steps, without a state.
+    static ``stage`` of this name or number (from 0). In maps of tractions open points are black.
+    The slip is the tangential gap. Tied points, at the end of a joint inside a body, are hatched.
+    Quantities ``largest_...`` are the largest values of each point over all steps, without a state.
     """
     return JointMaps(results, joints).draw(quantity, time, index, stage)
 

@@ -14,6 +14,7 @@ from dolfinx_joints.postprocessing.axes import decorate, new_figure
 from dolfinx_joints.postprocessing.joints.extremes import drawn_series, joint_extremes
 from dolfinx_joints.postprocessing.palette import BLUE
 from dolfinx_joints.results.arguments import check_results
+from dolfinx_joints.results.joint_points import since
 from dolfinx_joints.results.quantities import JOINT_SERIES
 from dolfinx_joints.results.reader import Results
 
@@ -60,5 +61,6 @@ def joint_panels(results: Results, quantity: JointQuantity = "opening") -> Figur
     for ax in panels[max(0, len(results.joints) - columns) : len(results.joints)]:
         ax.tick_params(labelbottom=True)  # the lowest panel of a column may be above the last row
     figure.supxlabel("time [s]", fontsize="small")
-    figure.supylabel(series.heading, fontsize="small")
+    heading = series.heading.replace(" [", f"{since(results, quantity)} [")
+    figure.supylabel(heading, fontsize="small")
     return figure

@@ -42,7 +42,7 @@ def joint_profiles(
     end of smaller x. Tractions have gaps at open points. The slip is the tangential gap.
 
     The state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or the
-    static ``stage`` of this name or number.
+    static ``stage`` of this name or number (from 0).
     """
     results, number, moment = chosen_state(results, time, index, stage)
     names = results.joints if joints is None else list(joints)

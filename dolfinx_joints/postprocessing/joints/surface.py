@@ -15,7 +15,7 @@ from dolfinx_joints.postprocessing.joints.extremes import open_points
 from dolfinx_joints.postprocessing.joints.unrolled import Unrolled, tangent_axes, unrolled
 from dolfinx_joints.postprocessing.palette import OPEN, colour_limits, colours, signed_colours
 from dolfinx_joints.results.arguments import chosen_state
-from dolfinx_joints.results.joint_points import Statics, gaps, tied_points
+from dolfinx_joints.results.joint_points import Statics, gaps, since, tied_points
 from dolfinx_joints.results.quantities import TABLE
 from dolfinx_joints.results.reader import Results
 
@@ -296,10 +296,10 @@ def state_of_map(results: Results, quantity: MapQuantity, *state: Any) -> tuple[
         raise ValueError(f"{quantity!r} is of all steps: do not give time, index or stage.")
     if "joint_maxima" not in results.streams or not results.rows("joint_maxima"):
         raise ResultsError(
-            f"{results.path} has no {quantity!r}: the run has not ended, or an earlier version "
-            "wrote the file."
+            f"{results.path} has no {quantity!r}, which a dynamic stage of this version records at "
+            f"its end; the file is {results.status}. Choose a quantity of one state, as 'opening'."
         )
-    return results, -1, "over the run"
+    return results, -1, f"over the run{since(results, quantity)}"
 
 
 def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:

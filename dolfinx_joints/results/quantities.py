@@ -186,6 +186,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("*/shear_sum", "N", text="integral of the shear", by="integral", of=lambda p: p.shear),
         Q("*/bond", "N", text=_BOND, rare=True, by="integral", of=lambda p: p.cohesion),
         Q("*/safety", "-", "sliding safety"),  # from the integrals, by `joint_extremes`
+        Q("*/mobilised", "-", "mobilised friction"),  # 1 / safety
     ),
     "resultants": (
         Q("joints/*/force", "N", "effective force", text="effective force on the + side of {}"),

@@ -267,7 +267,7 @@ def test_curves_are_those_of_the_file(two: tuple[str, dict[str, Results]]) -> No
             same(line, run.time("energy"), run.series("energy", term))
     for (joint, panel), found in curves(html, "joint-histories").items():
         extremes = measures.joint_extremes(runs["a"], joint)
-        series = ("opening", "slip", "pressure", "mean_pressure", "safety")
+        series = ("opening", "slip", "pressure", "mean_pressure", "mobilised")
         same(found, extremes.time, extremes.values[series[panel]])
     names = ("iterations", "joint_open", "joint_stick", "joint_slip")
     for (label, panel), found in curves(html, "iterations-plot").items():

@@ -234,6 +234,7 @@ class StressEnvelopes:
     ) -> None:
         """Assemble the stress recovery (collective)."""
         chosen = None if groups is None else facets_of_groups(model, nodes, groups)
+        self._facets = None if chosen is None else across(model.jointed.mesh.comm, chosen)
         self._stress = SurfaceStress(model, nodes, chosen)
         self.nodes = self._stress.nodes
         self._strengths = self._stress.strengths(model, strength or {})
@@ -246,10 +247,10 @@ class StressEnvelopes:
         self.begin()
 
     @property
-    def directions(self) -> list[Array]:
-        """``nodes``, ``arch``, ``cantilever`` and, if given, strengths on all ranks."""
+    def directions(self) -> list[Array | None]:
+        """Facets of the groups, ``nodes``, directions and, if given, strengths on all ranks."""
         rows = (self.nodes, self.arch, self.cantilever, *self._strengths.values())
-        return [self._stress.across(values) for values in rows]
+        return [self._facets, *(self._stress.across(values) for values in rows)]
 
     def begin(self) -> None:
         """Reset the envelopes at the start of a run."""

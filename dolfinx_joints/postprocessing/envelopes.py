@@ -33,7 +33,7 @@ STAGE_STRESSES = {
 # Levels of the largest principal stress / dynamic tensile strength, for the time of overstress.
 LEVELS = np.linspace(1.0, 2.0, 11)
 STRENGTHS = ("tensile", "dynamic_tensile", "compressive")
-DYNAMIC_TENSILE = "envelopes/strength/dynamic_tensile"
+DYNAMIC_TENSILE, FACETS = "envelopes/strength/dynamic_tensile", "envelopes/facets"
 
 _STEEP = 0.9  # limit of |n_z|: facets within 26 degrees of the horizontal have no arch direction
 _SMOOTH = 0.8  # least ratio of largest eigenvalue and sum; 0.8 for two facets at 53 degrees
@@ -175,12 +175,20 @@ class Envelopes:
 
 
 def declare_directions(
-    writer: ResultsWriter, nodes: Array, arch: Array, cantilever: Array, *strengths: Array
+    writer: ResultsWriter,
+    facets: Array | None,
+    nodes: Array,
+    arch: Array,
+    cantilever: Array,
+    *strengths: Array,
 ) -> None:
     """Write the nodes of envelopes, rows of ``mesh/nodes`` (n,), and directions (n, 3) or NaN.
 
-    Strengths (n,) are in the order of ``STRENGTHS``, infinite in cells without a strength.
+    Strengths (n,) are in the order of ``STRENGTHS``, infinite in cells without a strength. Facets
+    (m, 2 to 4) are the vertices of facet groups; None if stresses are recorded everywhere.
     """
+    if facets is not None:
+        writer.static(FACETS, facets, "-", "vertices of the facets with recorded stresses")
     writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
     writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")
     writer.static("envelopes/cantilever", cantilever, "-", "steepest direction in the surface")

@@ -19,6 +19,7 @@ BLUE, ORANGE, GREEN, RED, GREY = "#08519c", "#e69f00", "#238b45", "#b2182b", "#8
 # Reference run, run, further runs; lightness differs too, for print and colour-blind readers.
 RUNS = (ORANGE, BLUE, GREEN, RED, "#7b3294", "#56b4e9", "#8c6d00", "#444444")
 
+PERIMETRAL = "#7b3294"  # joints of the drawn groups to others; joints within the groups are red
 CONCRETE, OPEN, TIED = "#d9d5cc", "black", "#bdb8ac"
 
 

@@ -29,7 +29,6 @@ from dolfinx_joints.postprocessing.body import (
     Deformed,
     data_limits,
     short_names,
-    size_of,
     top,
 )
 from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE, EnvelopeName
@@ -47,7 +46,6 @@ from dolfinx_joints.postprocessing.joints.surface import (
 from dolfinx_joints.postprocessing.palette import (
     CONCRETE,
     OPEN,
-    RED,
     TIED,
     colour_limits,
     signed_colours,
@@ -85,7 +83,7 @@ def mesh(
     azimuths_deg: Azimuths = (UPSTREAM, DOWNSTREAM),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
-    """Draw the finite-element mesh with outlines and names of the joints.
+    """Draw the finite-element mesh with joints as lines, and their names.
 
     The common beginning of the joint names is omitted. Cell ``groups`` such as ``["dam"]`` are
     opaque and fill the picture; others are translucent.
@@ -97,18 +95,12 @@ def mesh(
     shade |= {"edge_visibility": True, "edge_color": _LINE}
     scene.surface(nodes, body.shown, **shade)
     body.draw_translucent(scene, nodes)
-    radius = 2.5e-3 * size_of(nodes[body.seen])
-    for joint in () if body.plane else results.joints:
-        corners = _separate(JointSurface(results, joint).corners)
-        scene.edges(*corners, sharper_than_deg=None, radius=radius, color=RED)
-    if body.plane:
-        scene.edges(nodes, body.shown, **OUTLINE)
-        body.draw_joints(scene, nodes)
+    scene.edges(nodes, body.shown, **OUTLINE)
+    body.draw_joints(scene, nodes)
     figure, axes = draw(scene, cameras)
-    for ax, camera in zip(axes, cameras, strict=True):
-        write_names(ax, body.tops(nodes, camera), RED)
-    facets = sum(map(len, (body.shown, body.translucent, () if body.plane else body.joints)))
-    count = f"{facets} {'cells' if body.plane else 'facets on the boundary'}, {len(nodes)} nodes"
+    body.explain_joints(axes, cameras, nodes)
+    kind, noun = ("cells", "cells") if body.plane else ("surface", "facets on the boundary")
+    count = f"{len(results.static(f'mesh/{kind}'))} {noun}, {len(nodes)} nodes"
     if "cells" in results.metadata:
         count = f"{results.metadata['cells']} cells, {len(nodes)} nodes"
     title = f"finite-element mesh: {count}, {len(results.joints)} joints"
@@ -130,7 +122,7 @@ def deformed(
     azimuths_deg: Azimuths = (DOWNSTREAM,),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
-    """Draw the deformed body, coloured by the magnitude of the displacement, with red joints.
+    """Draw the deformed body, coloured by the magnitude of the displacement, with its joints.
 
     Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``, by
     default a round number that draws the largest at about 6 % of the model's size.
@@ -213,7 +205,11 @@ def joint_map(
         tops[name] = top(points, camera)
     figure, axes = draw(scene, [camera])
     labels = short_names(joints)
-    write_names(axes[0], {labels[name]: top for name, top in tops.items()}, "black")
+    write_names(
+        axes[0],
+        {labels[name]: top for name, top in tops.items()},
+        dict.fromkeys(labels.values(), "black"),
+    )
     if quantity == "state":
         legend(axes[0], STATES | some_tied)
     else:

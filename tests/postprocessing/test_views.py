@@ -234,8 +234,11 @@ def test_deformed_opens_the_joint(results: Results, scenes) -> None:
     title = figure.get_suptitle()
     assert title.startswith("deformed shape at t = 1.000 s, displacements x 250")
     assert title.endswith("widest opening 4.00 mm, joint_1")
-    outer, sides, _ = (data for data, _ in scenes[0].layers)
+    outer, lines, sides, _ = (data for data, _ in scenes[0].layers)
     assert (outer.n_cells, sides.n_cells) == (2 * (2 + 3 * ROWS), 2 * ROWS)
+    # On the surface the joint of each side has two vertical edges of ROWS facets and two ends.
+    assert lines.n_lines == 2 * (2 * ROWS + 2)
+    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["joints"]
     y = np.unique(np.round(outer.points[np.unique(outer.regular_faces), 1], 6))
     np.testing.assert_allclose(y, [-5.5, -0.5, 0.5, 5.5])  # 250 x 2 mm
     assert share(picture(figure), RED) > 0.005

@@ -35,6 +35,8 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import boundary_facets
 from dolfinx_joints.postprocessing.envelopes import (
     ENVELOPE_NAMES,
+    PLANE_STRESS,
+    STAGE_STRESSES,
     STRENGTHS,
     Envelopes,
     Strength,
@@ -238,7 +240,8 @@ class StressEnvelopes:
         self._stress = SurfaceStress(model, nodes, chosen)
         self.nodes = self._stress.nodes
         self._strengths = self._stress.strengths(model, strength or {})
-        if model.gdim == 3:
+        self._plane = model.gdim == 2
+        if not self._plane:
             free = free_facets(model, nodes) if chosen is None else chosen
             self.arch, self.cantilever = _directions(model, nodes, free, self.nodes)
         else:
@@ -261,8 +264,17 @@ class StressEnvelopes:
         """Update the envelopes with the stresses at a time [s], from displacements (collective)."""
         self._envelopes.see(self._stress(u, time), time)
 
-    def at(self, u: PETSc.Vec, time: float, loads: Sequence[int], present: Floats) -> list[Array]:
-        """Return the stresses of a static stage of all ranks, see `stage_stresses` (collective).
+    def in_plane(self, u: PETSc.Vec, time: float) -> dict[str, Array]:
+        """Return the in-plane stresses at a time [s] of all ranks, nothing in 3-D (collective)."""
+        return self._in_plane(self._stress(u, time)) if self._plane else {}
+
+    def _in_plane(self, stress: Floats) -> dict[str, Array]:
+        return {PLANE_STRESS: self._stress.across(stress[:, [0, 1, 3]])} if self._plane else {}
+
+    def at(
+        self, u: PETSc.Vec, time: float, loads: Sequence[int], present: Floats
+    ) -> dict[str, Array]:
+        """Return the stresses of a static stage of all ranks by series (collective).
 
         Args:
             u: Displacement [m].
@@ -271,8 +283,10 @@ class StressEnvelopes:
             present: 1 at this rank's vertices, 0 at vertices of absent blocks, shape (n,).
         """
         stress = present[:, None] * self._stress(u, time, loads)
-        columns = stage_stresses(stress, self.arch, self.cantilever)
-        return [self._stress.across(column) for column in columns.T]
+        columns = stage_stresses(stress, self.arch, self.cantilever).T
+        names = dict.fromkeys(STAGE_STRESSES.values())
+        values = {n: self._stress.across(c) for n, c in zip(names, columns, strict=True)}
+        return values | self._in_plane(stress)
 
     def state_dict(self) -> Dealt:
         """Return the columns of the envelopes of all ranks (collective)."""

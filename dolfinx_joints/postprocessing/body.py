@@ -44,6 +44,7 @@ class Body:
     Args:
         results: The run.
         groups: Cell groups that are opaque; the whole body by default.
+        colours: Colours of the joints within the groups and of perimetral joints.
 
     Attributes:
         nodes: Positions of all nodes, shape (n, 3), [m].
@@ -55,7 +56,13 @@ class Body:
         legend: Colours of the joints by label.
     """
 
-    def __init__(self, results: Results, groups: Collection[str] | None = None) -> None:
+    def __init__(
+        self,
+        results: Results,
+        groups: Collection[str] | None = None,
+        *,
+        colours: tuple[str, str] = (RED, PERIMETRAL),
+    ) -> None:
         check_results(results)
         self.nodes: Floats = results.static("mesh/nodes")
         surface, self.plane = results.static("mesh/surface"), is_plane(results)
@@ -80,15 +87,17 @@ class Body:
             faces = surface[own]
             is_seen = np.isin(faces, self.seen).all(axis=1)
             if is_seen.any():
-                self._add_joint(name, faces[is_seen], "" if is_seen.all() else "perimetral ")
+                self._add_joint(name, faces[is_seen], colours, perimetral=not is_seen.all())
 
-    def _add_joint(self, name: str, faces: Ints, kind: str) -> None:
+    def _add_joint(
+        self, name: str, faces: Ints, colours: tuple[str, str], *, perimetral: bool
+    ) -> None:
         """Add a joint, whose facets in the groups have the given vertices."""
-        self._corners[name] = faces.ravel()
-        colour = self._colours[name] = self.legend[f"{kind}joints"] = PERIMETRAL if kind else RED
+        self._corners[name], self._colours[name] = faces.ravel(), colours[perimetral]
+        self.legend["perimetral joints" if perimetral else "joints"] = colour = colours[perimetral]
         lines = faces if self.plane else _common_edges(faces, self.free)
         self._layers.append((lines, colour))
-        if kind and not self.plane:
+        if perimetral and not self.plane:
             self.shown = np.concatenate([self.shown, faces])
         elif not self.plane:
             self._layers.append((faces, colour))  # visible if the joint is open

@@ -35,6 +35,8 @@ LEVELS = np.linspace(1.0, 2.0, 11)
 STRENGTHS = ("tensile", "dynamic_tensile", "compressive")
 DYNAMIC_TENSILE, FACETS = "envelopes/strength/dynamic_tensile", "envelopes/facets"
 
+PLANE_STRESS = "stress/plane"  # series of ``states`` and ``statics`` of plane models
+
 _STEEP = 0.9  # limit of |n_z|: facets within 26 degrees of the horizontal have no arch direction
 _SMOOTH = 0.8  # least ratio of largest eigenvalue and sum; 0.8 for two facets at 53 degrees
 
@@ -44,6 +46,21 @@ def principal_extremes(stress: ArrayLike) -> Floats:
     rows = np.asarray(stress, dtype=np.float64)
     tensors = rows[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3)
     return np.asarray(np.linalg.eigvalsh(tensors)[:, [2, 0]].T)
+
+
+def principal_directions(stress: Floats) -> tuple[Floats, Floats]:
+    """Return in-plane principal stresses and the direction of the largest one.
+
+    Args:
+        stress: (xx, yy, xy), tension positive, shape (n, 3), [Pa].
+
+    Returns:
+        Largest and smallest stress, shape (2, n), [Pa]; unit vectors (x, y), shape (n, 2).
+    """
+    x, y, shear = stress.T
+    mean, radius = 0.5 * (x + y), np.hypot(0.5 * (x - y), shear)
+    angle = 0.5 * np.arctan2(2.0 * shear, x - y)
+    return np.stack([mean + radius, mean - radius]), np.stack([np.cos(angle), np.sin(angle)], 1)
 
 
 def stress_along(stress: ArrayLike, direction: ArrayLike) -> Floats:

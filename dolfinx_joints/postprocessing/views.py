@@ -31,7 +31,12 @@ from dolfinx_joints.postprocessing.body import (
     short_names,
     top,
 )
-from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE, EnvelopeName
+from dolfinx_joints.postprocessing.envelopes import (
+    DYNAMIC_TENSILE,
+    PLANE_STRESS,
+    EnvelopeName,
+    principal_directions,
+)
 from dolfinx_joints.postprocessing.frames import nodal_displacement
 from dolfinx_joints.postprocessing.joints.surface import (
     MAP_LABELS,
@@ -44,8 +49,10 @@ from dolfinx_joints.postprocessing.joints.surface import (
     state_of_map,
 )
 from dolfinx_joints.postprocessing.palette import (
+    BLUE,
     CONCRETE,
     OPEN,
+    RED,
     TIED,
     colour_limits,
     signed_colours,
@@ -57,6 +64,7 @@ from dolfinx_joints.postprocessing.rendering import (
     contour_levels,
     draw,
     legend,
+    round_down,
     round_scale,
     write_names,
 )
@@ -71,6 +79,8 @@ Azimuths = Annotated[Sequence[float], at.Len(1, 8), at.Unit("degrees")]  # one p
 Elevation = Annotated[float, at.Interval(ge=-90.0, le=90.0), at.Unit("degrees")]
 
 _LINE = "#4d4d4d"
+_CROSSES = 600  # largest number of crosses, approximately
+_USUAL = 0.95  # share of the stresses whose lines are shorter than the mean distance of crosses
 _UPRIGHT = 0.7  # a joint is upright if the vertical component of its second axis exceeds this
 UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the viewpoint
 
@@ -267,6 +277,60 @@ def envelope(
     where = "" if groups is None else f" of {', '.join(groups)}"
     title = f"{'largest' if end == 'max' else 'smallest'} {stress} stress{where}"
     figure.suptitle(f"{title}: {low:.2f} to {high:.2f} MPa{line}", fontsize="medium")
+    return figure
+
+
+@checked
+def principal_stresses(
+    results: Results,
+    *,
+    time: float | None = None,
+    index: int = -1,
+    stage: int | str | None = None,
+    groups: Collection[str] | None = None,
+) -> Figure:
+    """Draw the in-plane principal stresses of a plane body as crosses.
+
+    The lines of a cross have the principal directions and lengths proportional to the stresses:
+    red in tension, blue in compression. Crosses are at vertices, in fine meshes at about 600 of
+    them. The run must have ``envelopes=True``. Cell ``groups`` such as ``["dam"]`` fill the
+    picture.
+    """
+    from matplotlib.collections import LineCollection
+
+    results, number, moment = chosen_state(results, time, index, stage)
+    body = Body(results, groups, colours=("black", "black"))
+    if not body.plane:
+        raise ValueError(f"{results.path} is a 3-D run; principal directions are drawn in 2-D.")
+    recorded = results.static("envelopes/nodes")
+    rows = np.flatnonzero(np.isin(recorded, body.seen))
+    values, first = principal_directions(results.series("states", PLANE_STRESS, number)[rows])
+    at, values = body.nodes[recorded[rows]][:, :2], 1e-6 * values
+    scene = Scene()
+    scene.surface(body.nodes, body.shown, color=CONCRETE, lighting=False)
+    body.draw_translucent(scene, body.nodes)
+    scene.edges(body.nodes, body.shown, **OUTLINE)
+    body.draw_joints(scene, body.nodes)
+    cameras = body.cameras((), 0.0)
+    figure, axes = draw(scene, cameras)
+    corners = body.nodes[body.shown]
+    cross = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
+    area = 0.5 * float(np.abs(cross[:, 2]).sum())
+    _, drawn = np.unique(np.floor(at / np.sqrt(area / _CROSSES)), axis=0, return_index=True)
+    usual = float(np.quantile(np.abs(values[:, drawn]), _USUAL)) or 1.0
+    metres = round_down(np.sqrt(area / len(drawn)) / usual)
+    second = np.stack([-first[:, 1], first[:, 0]], axis=1)
+    for stress, direction in zip(values[:, drawn], (first[drawn], second[drawn]), strict=True):
+        half = (0.5 * metres * np.abs(stress))[:, None] * direction
+        colours = np.where(stress > 0.0, RED, BLUE).tolist()
+        segments = np.stack([at[drawn] - half, at[drawn] + half], axis=1)
+        axes[0].add_collection(LineCollection(list(segments), colors=colours, linewidths=0.9))
+    body.legend = {"joints": "black"} if body.legend else {}
+    body.legend |= {"tension": RED, "compression": BLUE}
+    body.explain_joints(axes, cameras, body.nodes)
+    low, high = data_limits(values)
+    title = f"principal stresses {moment}: {low:.2f} to {high:.2f} MPa"
+    figure.suptitle(f"{title}\nlength of lines: {metres:g} m per MPa", fontsize="medium")
     return figure
 
 

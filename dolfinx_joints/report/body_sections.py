@@ -10,7 +10,7 @@ import numpy as np
 
 from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.postprocessing import measures, views
-from dolfinx_joints.postprocessing.envelopes import EnvelopeName
+from dolfinx_joints.postprocessing.envelopes import PLANE_STRESS, EnvelopeName
 from dolfinx_joints.postprocessing.frames import common_frame, nodal_displacement
 from dolfinx_joints.postprocessing.joints.surface import facets_of_joint
 from dolfinx_joints.postprocessing.palette import colours
@@ -26,7 +26,7 @@ from dolfinx_joints.report.page import (
     table,
     text,
 )
-from dolfinx_joints.report.runs import Content, Run, nothing
+from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing
 from dolfinx_joints.results.joint_points import gaps
 from dolfinx_joints.results.reader import Results
 
@@ -85,6 +85,9 @@ def stresses(content: Content) -> Section:
     title = "Stresses"
     runs = [run for run in content.runs if run.has("envelopes")]
     if not runs:
+        crosses = _crosses(content, content.main)
+        if crosses:
+            return Section("stresses", title, crosses)
         return nothing("stresses", title, "stress envelopes")
     extremes = [measures.stress_extremes(run.results) for run in runs]
     rows = [[name.replace("_", ", "), *(1e-6 * e[name] for e in extremes)] for name in extremes[0]]
@@ -99,7 +102,25 @@ def stresses(content: Content) -> Section:
         if shown[2:]:
             title_of_others = "Vertical stresses" if run.plane else "Arch and cantilever stresses"
             pieces.append(details(title_of_others, shown[2:]))
-    return Section("stresses", title, pieces)
+    return Section("stresses", title, pieces + _crosses(content, run))
+
+
+def _crosses(content: Content, run: Run) -> list[Html]:
+    """Return pictures of the principal directions of a plane run in statics and dynamics."""
+    moments: list[tuple[str, dict[str, Any], str]] = []
+    if run.has("statics", PLANE_STRESS):
+        moments.append(("static", {"stage": -1}, f"after {run.results.stage_names[-1]}"))
+    if run.has("states", PLANE_STRESS):
+        time, words = largest_moment(run)
+        moments.append(("largest", {"time": time}, f"at {words}"))
+    pictures = []
+    for name, state, words in moments:
+        drawn = views.principal_stresses(run.results, groups=run.groups, **state)
+        path = content.save(f"principal_{name}", drawn)
+        caption = f"In-plane principal stresses {words}, {run.label}: red in tension, blue in "
+        caption += "compression, along their directions."
+        pictures.append(figure([content.drawings.picture(path, caption)], caption))
+    return pictures
 
 
 def _envelope(content: Content, run: Run, name: str) -> Html:

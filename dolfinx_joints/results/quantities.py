@@ -114,6 +114,7 @@ _STATES = (
     Q("joints/*/status", "-", text=_STATUS, dtype=np.int8),
     Q("joints/*/pressure", "Pa", text="water pressure, positive if it opens the joint"),
     Q("joints/*/broken", "-", text="1 where the bond is broken", dtype=np.int8),
+    Q("stress/plane", "Pa", text="in-plane stress (xx, yy, xy) at envelopes/nodes", rare=True),
 )
 TABLE: dict[str, tuple[Quantity, ...]] = {
     "histories": (

@@ -8,8 +8,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from dolfinx_joints.common.arrays import Floats, Ints
+from dolfinx_joints.common.arrays import Flags, Floats, Ints
 from dolfinx_joints.postprocessing import measures, views
+from dolfinx_joints.postprocessing.body import Body
 from dolfinx_joints.postprocessing.envelopes import PLANE_STRESS, EnvelopeName
 from dolfinx_joints.postprocessing.frames import common_frame, nodal_displacement
 from dolfinx_joints.postprocessing.joints.surface import facets_of_joint
@@ -65,8 +66,11 @@ def space(content: Content) -> Section | None:
         f"{len(s['frames'])} of the {s['records']} recorded states of {s['label']}" for s in scenes
     )
     frames = common_frame({run.label: nodal_displacement(run.results, 0)[1] for run in runs})
+    factors = common_frame({s["label"]: f"× {s['scale']:g}" for s in scenes})
+    groups = {run.label: ", ".join(run.groups or ["the whole body"]) for run in runs}
     caption = (
-        f"Boundary of the body with displacements enlarged by the factor above. Colours show the "
+        f"Boundary of {common_frame(groups)}, first from downstream with displacements {factors}; "
+        "the factor is next to the time. Colours show the "
         f"displacement {frames}. The view has {recorded}: at most "
         f"{MOMENTS} evenly spaced states, and the states with the largest displacement and opening."
         " It starts at the largest displacement. If the joints are shown through the body, "
@@ -145,22 +149,25 @@ def mesh(content: Content) -> Section:
 
 
 def scene(run: Run) -> dict[str, Any]:
-    """Return data of one run for the page's script: the boundary and chosen states.
+    """Return data of one run for the page's script: the boundary of its groups, chosen states.
 
     The states are at most ``MOMENTS`` evenly spaced states, and the states with the largest
     displacement and opening.
     """
     results = run.results
-    used, surface = np.unique(results.static("mesh/surface"), return_inverse=True)
-    surface = surface.reshape(results.static("mesh/surface").shape)
+    surface = results.static("mesh/surface")
+    shown = np.isin(surface, Body(results, run.groups).seen).all(axis=1)
+    used, numbers = np.unique(surface[shown], return_inverse=True)
+    surface[shown] = numbers.reshape(surface[shown].shape)
     nodes = results.static("mesh/nodes")[used]
     sizes, openings = _sizes(results, used), _openings(results)
     largest = openings.max(axis=1, initial=0.0)
     start, widest = int(np.argmax(sizes)), int(np.argmax(largest))
     rows = len(sizes)
     moments = np.unique([*np.linspace(0, rows - 1, min(rows, MOMENTS)).astype(int), start, widest])
+    faces, cells = _joint_faces(results, surface, shown)
+    surface = surface[shown]
     body, _ = _triangles(surface, np.arange(len(surface)))
-    faces, cells = _joint_faces(results, surface)
     return {
         "label": run.label,
         "nodes": floats(nodes),
@@ -220,11 +227,14 @@ def _openings(results: Results) -> Floats:
     return np.concatenate(openings, axis=1)
 
 
-def _joint_faces(results: Results, surface: Ints) -> tuple[dict[str, dict[str, str]], Ints]:
-    """Return triangles of the joint faces, and the number of each triangle's joint facet."""
+def _joint_faces(
+    results: Results, surface: Ints, shown: Flags
+) -> tuple[dict[str, dict[str, str]], Ints]:
+    """Return triangles of the shown joint faces, and the number of each triangle's joint facet."""
     sides = [facets_of_joint(results, joint)[1].ravel() for joint in results.joints]
     chosen = np.concatenate([np.zeros(0, dtype=np.int64), *sides])
-    return _triangles(surface[chosen], np.repeat(np.arange(len(chosen) // 2), 2))
+    cells = np.repeat(np.arange(len(chosen) // 2), 2)[shown[chosen]]
+    return _triangles(surface[chosen[shown[chosen]]], cells)
 
 
 def _triangles(facets: Ints, cells: Ints) -> tuple[dict[str, dict[str, str]], Ints]:

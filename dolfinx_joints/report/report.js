@@ -56,16 +56,20 @@ class Scene {
   frame() {
     const number = Number(this.controls.time.value);
     const frame = this.run.frames[number];
-    const text = `${frame.time.toFixed(3)} s`;
+    const text = `${frame.time.toFixed(3)} s, displacements × ${this.scale()}`;
     this.controls.moment.textContent = text;
     this.controls.time.setAttribute("aria-valuetext", text);
     return frame;
   }
 
+  scale() {
+    const typed = Number(this.controls.scale.value);
+    return Number.isFinite(typed) && typed >= 0 ? typed : this.run.scale;
+  }
+
   /** Coordinates of the displaced nodes, and magnitude of the displacement [mm]. */
   moved(frame) {
-    const typed = Number(this.controls.scale.value);
-    const scale = Number.isFinite(typed) && typed >= 0 ? typed : this.run.scale;
+    const scale = this.scale();
     const { nodes } = this.run;
     const count = nodes.length / 3;
     const axes = [0, 1, 2].map(() => new Float32Array(count));
@@ -137,7 +141,7 @@ class Scene {
       margin: { l: 0, r: 0, t: 0, b: 70 }, uirevision: "kept", paper_bgcolor: "#fff",
       scene: {
         xaxis: axis("x [m], downstream"), yaxis: axis("y [m], left bank"), zaxis: axis("z [m]"), aspectmode: "data",
-        camera: { eye: { x: 1.7 * far, y: -0.9 * far, z: 0.8 * far }, center },
+        camera: { eye: { x: 1.9 * far, y: -1.0 * far, z: 0.9 * far }, center },
       },
     };
     return Plotly.newPlot(this.plot, this.traces(), layout, CONFIG);

@@ -44,7 +44,6 @@ class Body:
     Args:
         results: The run.
         groups: Cell groups that are opaque; the whole body by default.
-        colours: Colours of the joints within the groups and of perimetral joints.
 
     Attributes:
         nodes: Positions of all nodes, shape (n, 3), [m].
@@ -56,13 +55,7 @@ class Body:
         legend: Colours of the joints by label.
     """
 
-    def __init__(
-        self,
-        results: Results,
-        groups: Collection[str] | None = None,
-        *,
-        colours: tuple[str, str] = (RED, PERIMETRAL),
-    ) -> None:
+    def __init__(self, results: Results, groups: Collection[str] | None = None) -> None:
         check_results(results)
         self.nodes: Floats = results.static("mesh/nodes")
         surface, self.plane = results.static("mesh/surface"), is_plane(results)
@@ -87,14 +80,13 @@ class Body:
             faces = surface[own]
             is_seen = np.isin(faces, self.seen).all(axis=1)
             if is_seen.any():
-                self._add_joint(name, faces[is_seen], colours, perimetral=not is_seen.all())
+                self._add_joint(name, faces[is_seen], perimetral=not is_seen.all())
 
-    def _add_joint(
-        self, name: str, faces: Ints, colours: tuple[str, str], *, perimetral: bool
-    ) -> None:
+    def _add_joint(self, name: str, faces: Ints, *, perimetral: bool) -> None:
         """Add a joint, whose facets in the groups have the given vertices."""
-        self._corners[name], self._colours[name] = faces.ravel(), colours[perimetral]
-        self.legend["perimetral joints" if perimetral else "joints"] = colour = colours[perimetral]
+        label, colour = ("perimetral joints", PERIMETRAL) if perimetral else ("joints", RED)
+        self.legend[label] = self._colours[name] = colour
+        self._corners[name] = faces.ravel()
         lines = faces if self.plane else _common_edges(faces, self.free)
         self._layers.append((lines, colour))
         if perimetral and not self.plane:
@@ -107,6 +99,12 @@ class Body:
         if self.plane:
             return [Camera(-90.0, 90.0)]
         return [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
+
+    def paint_joints(self, colour: str) -> None:
+        """Give all joints one colour."""
+        self.legend = {"joints": colour} if self._layers else {}
+        self._colours = dict.fromkeys(self._colours, colour)
+        self._layers = [(faces, colour) for faces, _ in self._layers]
 
     def draw_joints(self, scene: Scene, nodes: Floats) -> None:
         """Add the joints to a scene as lines on the opaque faces, with nodes at (n, 3) [m].
@@ -178,6 +176,12 @@ class Deformed:
         colour_bar(figure, axes, colours(), limits, label, levels)
         figure.suptitle(title, fontsize="medium")
         return figure
+
+
+def face_areas(nodes: Floats, faces: Ints) -> Floats:
+    """Return the areas of triangles or plane quadrilaterals, shape (faces,), [m^2]."""
+    a, b, c, d = (nodes[faces[:, column]] for column in (0, 1, 2, -1))
+    return np.asarray(0.5 * np.linalg.norm(np.cross(c - a, d - b), axis=1))
 
 
 def _common_edges(first: Ints, second: Ints) -> Ints:

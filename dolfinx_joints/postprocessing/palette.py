@@ -24,7 +24,7 @@ CONCRETE, OPEN, TIED = "#d9d5cc", "black", "#bdb8ac"
 
 
 def colours() -> ListedColormap:
-    """Return colours from nearly white to dark blue, also monotonic in grey; NaN is black (open)."""
+    """Return colours from nearly white to dark blue, also monotonic in grey; NaN is black."""
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 

@@ -365,7 +365,7 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
         decorate(ax, "time [s]" if mobilised else "", row.heading.replace(" [", "\n["))
         ax.margins(x=0.0)
         ax.set_ylim(bottom=lowest)
-    panels[-1].set_ylim(0.0, 1.02 * max([1.0, *by_value]))  # of the last row, the mobilised friction
+    panels[-1].set_ylim(0.0, 1.02 * max([1.0, *by_value]))  # of the mobilised friction
     return panels
 
 

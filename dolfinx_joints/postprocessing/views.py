@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import annotated_types as at
 import numpy as np
 
-from dolfinx_joints.common.arrays import Floats, Ints
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.postprocessing.body import (
     MESH,
@@ -28,6 +28,7 @@ from dolfinx_joints.postprocessing.body import (
     Body,
     Deformed,
     data_limits,
+    face_areas,
     short_names,
     top,
 )
@@ -73,6 +74,7 @@ from dolfinx_joints.results.joint_points import gaps, tied_points
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Azimuths = Annotated[Sequence[float], at.Len(1, 8), at.Unit("degrees")]  # one per picture
@@ -99,20 +101,11 @@ def mesh(
     opaque and fill the picture; others are translucent.
     """
     body = Body(results, groups)
-    nodes, cameras = body.nodes, body.cameras(azimuths_deg, elevation_deg)
-    scene = Scene()
-    shade: dict[str, Any] = {"color": CONCRETE, "ambient": 0.45, "diffuse": 0.6}
-    shade |= {"edge_visibility": True, "edge_color": _LINE}
-    scene.surface(nodes, body.shown, **shade)
-    body.draw_translucent(scene, nodes)
-    scene.edges(nodes, body.shown, **OUTLINE)
-    body.draw_joints(scene, nodes)
-    figure, axes = draw(scene, cameras)
-    body.explain_joints(axes, cameras, nodes)
-    kind, noun = ("cells", "cells") if body.plane else ("surface", "facets on the boundary")
-    count = f"{len(results.static(f'mesh/{kind}'))} {noun}, {len(nodes)} nodes"
-    if "cells" in results.metadata:
-        count = f"{results.metadata['cells']} cells, {len(nodes)} nodes"
+    style: dict[str, Any] = {"ambient": 0.45, "diffuse": 0.6}
+    style |= {"edge_visibility": True, "edge_color": _LINE}
+    figure, _ = _sketch(body, azimuths_deg, elevation_deg, **style)
+    cells = results.metadata.get("cells") or len(results.static("mesh/cells"))
+    count = f"{cells} cells, {len(body.nodes)} nodes"
     title = f"finite-element mesh: {count}, {len(results.joints)} joints"
     figure.suptitle(title, fontsize="medium")
     return figure
@@ -178,9 +171,9 @@ def joint_map(
     From any viewpoint most joints of a dam are seen nearly edge-on. Therefore each upright joint is
     rotated about the vertical through its middle until it faces the viewer, upstream edge to the
     left; ``turned=False`` disables this. In maps of tractions and states, open points are black.
-    Tied points, at the end of a joint inside a body, are grey in every map. The
-    mobilised friction is 1 at sliding points, the slip is the tangential gap. Quantities ``largest_...`` are the largest values
-    of each point over all steps. `plots.joint_maps` draws one panel per joint.
+    Tied points, at the end of a joint inside a body, are grey in every map. The mobilised friction
+    is 1 at sliding points, the slip is the tangential gap. Quantities ``largest_...`` are the
+    largest values of each point over all steps. `plots.joint_maps` draws one panel per joint.
     """
     camera = Camera(azimuth_deg, elevation_deg)
     results, number, moment = state_of_map(results, quantity, time, index, stage)
@@ -200,7 +193,9 @@ def joint_map(
     scene.edges(body.nodes, body.shown, **OUTLINE)
     for name, of_points in values.items():
         joint_surface = JointSurface(results, name)
-        points, faces = _separate(joint_surface.patches_in_space())
+        patches = joint_surface.patches_in_space()
+        points, ends = np.concatenate(patches), np.cumsum([len(patch) for patch in patches])
+        faces = np.split(np.arange(len(points)), ends[:-1])
         if turned and joint_surface.axes[1, 2] >= _UPRIGHT:
             points = _face_viewer(points, joint_surface.axes, camera)
             note = "\neach upright joint rotated in its place to show its face"
@@ -215,11 +210,8 @@ def joint_map(
         tops[name] = top(points, camera)
     figure, axes = draw(scene, [camera])
     labels = short_names(joints)
-    write_names(
-        axes[0],
-        {labels[name]: top for name, top in tops.items()},
-        dict.fromkeys(labels.values(), "black"),
-    )
+    black = dict.fromkeys(labels.values(), "black")
+    write_names(axes[0], {labels[name]: top for name, top in tops.items()}, black)
     if quantity == "state":
         legend(axes[0], STATES | some_tied)
     else:
@@ -299,39 +291,42 @@ def principal_stresses(
     from matplotlib.collections import LineCollection
 
     results, number, moment = chosen_state(results, time, index, stage)
-    body = Body(results, groups, colours=("black", "black"))
+    body = Body(results, groups)
     if not body.plane:
         raise ValueError(f"{results.path} is a 3-D run; principal directions are drawn in 2-D.")
     recorded = results.static("envelopes/nodes")
-    rows = np.flatnonzero(np.isin(recorded, body.seen))
-    values, first = principal_directions(results.series("states", PLANE_STRESS, number)[rows])
-    at, values = body.nodes[recorded[rows]][:, :2], 1e-6 * values
-    scene = Scene()
-    scene.surface(body.nodes, body.shown, color=CONCRETE, lighting=False)
-    body.draw_translucent(scene, body.nodes)
-    scene.edges(body.nodes, body.shown, **OUTLINE)
-    body.draw_joints(scene, body.nodes)
-    cameras = body.cameras((), 0.0)
-    figure, axes = draw(scene, cameras)
-    corners = body.nodes[body.shown]
-    cross = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
-    area = 0.5 * float(np.abs(cross[:, 2]).sum())
-    _, drawn = np.unique(np.floor(at / np.sqrt(area / _CROSSES)), axis=0, return_index=True)
-    usual = float(np.quantile(np.abs(values[:, drawn]), _USUAL)) or 1.0
-    metres = round_down(np.sqrt(area / len(drawn)) / usual)
-    second = np.stack([-first[:, 1], first[:, 0]], axis=1)
-    for stress, direction in zip(values[:, drawn], (first[drawn], second[drawn]), strict=True):
-        half = (0.5 * metres * np.abs(stress))[:, None] * direction
-        colours = np.where(stress > 0.0, RED, BLUE).tolist()
-        segments = np.stack([at[drawn] - half, at[drawn] + half], axis=1)
-        axes[0].add_collection(LineCollection(list(segments), colors=colours, linewidths=0.9))
-    body.legend = {"joints": "black"} if body.legend else {}
+    seen = np.isin(recorded, body.seen)
+    stresses, first = principal_directions(results.series("states", PLANE_STRESS, number)[seen])
+    low, high = data_limits(1e-6 * stresses)
+    body.paint_joints("black")
     body.legend |= {"tension": RED, "compression": BLUE}
-    body.explain_joints(axes, cameras, body.nodes)
-    low, high = data_limits(values)
+    figure, axes = _sketch(body, (), 0.0, lighting=False)
+    places, area = body.nodes[recorded[seen], :2], face_areas(body.nodes, body.shown).sum()
+    _, drawn = np.unique(np.floor(places / np.sqrt(area / _CROSSES)), axis=0, return_index=True)
+    usual = 1e-6 * float(np.quantile(np.abs(stresses[:, drawn]), _USUAL)) or 1.0
+    metres = round_down(np.sqrt(area / len(drawn)) / usual)  # per MPa
+    for stress, direction in zip(stresses, (first, first[:, ::-1] * [-1.0, 1.0]), strict=True):
+        half = 0.5e-6 * metres * stress[drawn, None] * direction[drawn]
+        lines = np.stack([places[drawn] - half, places[drawn] + half], axis=1)
+        colours = np.where(stress[drawn] > 0.0, RED, BLUE).tolist()
+        axes[0].add_collection(LineCollection(list(lines), colors=colours, linewidths=0.9))
     title = f"principal stresses {moment}: {low:.2f} to {high:.2f} MPa"
     figure.suptitle(f"{title}\nlength of lines: {metres:g} m per MPa", fontsize="medium")
     return figure
+
+
+def _sketch(
+    body: Body, azimuths_deg: Sequence[float], elevation_deg: float, **style: Any
+) -> tuple[Figure, list[Axes]]:
+    """Draw a body without values, and explain its joints."""
+    nodes, cameras, scene = body.nodes, body.cameras(azimuths_deg, elevation_deg), Scene()
+    scene.surface(nodes, body.shown, color=CONCRETE, **style)
+    body.draw_translucent(scene, nodes)
+    scene.edges(nodes, body.shown, **OUTLINE)
+    body.draw_joints(scene, nodes)
+    figure, axes = draw(scene, cameras)
+    body.explain_joints(axes, cameras, nodes)
+    return figure, axes
 
 
 def _face_viewer(points: Floats, axes: Floats, camera: Camera) -> Floats:
@@ -341,14 +336,6 @@ def _face_viewer(points: Floats, axes: Floats, camera: Camera) -> Floats:
     cosine, sine = old @ new, old[0] * new[1] - old[1] * new[0]
     rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     return (points - middle) @ rotation.T + middle
-
-
-def _separate(polygons: Sequence[Floats] | Floats) -> tuple[Floats, list[Ints]]:
-    """Return the points of all polygons in turn, and the point numbers of each polygon."""
-    lengths = [len(polygon) for polygon in polygons]
-    return np.concatenate(list(polygons)), np.split(
-        np.arange(sum(lengths)), np.cumsum(lengths)[:-1]
-    )
 
 
 def _opening_line(results: Results, number: int) -> str:

@@ -69,9 +69,8 @@ def space(content: Content) -> Section | None:
     factors = common_frame({s["label"]: f"× {s['scale']:g}" for s in scenes})
     groups = {run.label: ", ".join(run.groups or ["the whole body"]) for run in runs}
     caption = (
-        f"Boundary of {common_frame(groups)}, first from downstream with displacements {factors}; "
-        "the factor is next to the time. Colours show the "
-        f"displacement {frames}. The view has {recorded}: at most "
+        f"Boundary of {common_frame(groups)} from downstream, with displacements {factors} unless "
+        f"changed above. Colours show the displacement {frames}. The view has {recorded}: at most "
         f"{MOMENTS} evenly spaced states, and the states with the largest displacement and opening."
         " It starts at the largest displacement. If the joints are shown through the body, "
         "colours show their opening."
@@ -88,10 +87,10 @@ def stresses(content: Content) -> Section:
     """Return the section on extreme stresses at the boundary, with pictures of the main run."""
     title = "Stresses"
     runs = [run for run in content.runs if run.has("envelopes")]
+    crosses = _crosses(content, content.main)
+    if not runs and crosses:
+        return Section("stresses", title, crosses)
     if not runs:
-        crosses = _crosses(content, content.main)
-        if crosses:
-            return Section("stresses", title, crosses)
         return nothing("stresses", title, "stress envelopes")
     extremes = [measures.stress_extremes(run.results) for run in runs]
     rows = [[name.replace("_", ", "), *(1e-6 * e[name] for e in extremes)] for name in extremes[0]]
@@ -106,23 +105,23 @@ def stresses(content: Content) -> Section:
         if shown[2:]:
             title_of_others = "Vertical stresses" if run.plane else "Arch and cantilever stresses"
             pieces.append(details(title_of_others, shown[2:]))
-    return Section("stresses", title, pieces + _crosses(content, run))
+    return Section("stresses", title, pieces + crosses)
 
 
 def _crosses(content: Content, run: Run) -> list[Html]:
     """Return pictures of the principal directions of a plane run in statics and dynamics."""
-    moments: list[tuple[str, dict[str, Any], str]] = []
-    if run.has("statics", PLANE_STRESS):
-        moments.append(("static", {"stage": -1}, f"after {run.results.stage_names[-1]}"))
-    if run.has("states", PLANE_STRESS):
-        time, words = largest_moment(run)
-        moments.append(("largest", {"time": time}, f"at {words}"))
     pictures = []
-    for name, state, words in moments:
+    for stream in ("statics", "states"):
+        if not (run.drawable and run.has(stream, PLANE_STRESS)):
+            continue
+        state: dict[str, Any] = {"stage": -1}
+        words = "after the last static stage"
+        if stream == "states":
+            state["stage"], (state["time"], moment) = None, largest_moment(run)
+            words = f"at {moment}"
         drawn = views.principal_stresses(run.results, groups=run.groups, **state)
-        path = content.save(f"principal_{name}", drawn)
-        caption = f"In-plane principal stresses {words}, {run.label}: red in tension, blue in "
-        caption += "compression, along their directions."
+        path = content.save(f"principal_{stream}", drawn)
+        caption = f"Principal stresses in the plane {words}, {run.label}."
         pictures.append(figure([content.drawings.picture(path, caption)], caption))
     return pictures
 

@@ -56,20 +56,16 @@ class Scene {
   frame() {
     const number = Number(this.controls.time.value);
     const frame = this.run.frames[number];
-    const text = `${frame.time.toFixed(3)} s, displacements × ${this.scale()}`;
+    const text = `${frame.time.toFixed(3)} s`;
     this.controls.moment.textContent = text;
     this.controls.time.setAttribute("aria-valuetext", text);
     return frame;
   }
 
-  scale() {
-    const typed = Number(this.controls.scale.value);
-    return Number.isFinite(typed) && typed >= 0 ? typed : this.run.scale;
-  }
-
   /** Coordinates of the displaced nodes, and magnitude of the displacement [mm]. */
   moved(frame) {
-    const scale = this.scale();
+    const typed = Number(this.controls.scale.value);
+    const scale = Number.isFinite(typed) && typed >= 0 ? typed : this.run.scale;
     const { nodes } = this.run;
     const count = nodes.length / 3;
     const axes = [0, 1, 2].map(() => new Float32Array(count));

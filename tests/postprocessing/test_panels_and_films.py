@@ -14,8 +14,8 @@ from written_runs import JOINT, NODES, SURFACE, write_run
 from dolfinx_joints import animate, plots, views
 from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.postprocessing.body import Body, jointed_groups
-from dolfinx_joints.postprocessing.palette import PERIMETRAL, RED
 from dolfinx_joints.postprocessing.measures import joint_extremes
+from dolfinx_joints.postprocessing.palette import PERIMETRAL, RED
 from dolfinx_joints.results.layout import Cells
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter

@@ -26,7 +26,7 @@ ANGLE = np.radians(25.0)
 TURN = np.array([[np.cos(ANGLE), -np.sin(ANGLE)], [np.sin(ANGLE), np.cos(ANGLE)]])
 STRESS = 1.5e6
 SIDES = {"base": (1, 0.0), "top": (1, 1.0), "left": (0, 0.0), "right": (0, 1.0)}
-# Tractions by side, stresses [Pa], and direction of the largest stress, from the base of the square.
+# Tractions by side, principal stresses [Pa], and direction of the largest one from the base.
 SCENES = {
     "uniaxial": ({"top": (0.0, STRESS)}, (STRESS, 0.0), 90.0),
     "crushed": ({"top": (0.0, -STRESS)}, (0.0, -STRESS), 0.0),
@@ -69,7 +69,7 @@ def test_uniform_stresses_of_a_turned_square(tmp_path, scene):
         for lines, stress, turn in ((largest, stresses[0], 0.0), (smallest, stresses[1], 90.0)):
             ends = np.array(lines.get_segments())
             vectors = ends[:, 1] - ends[:, 0]
-            # Lines are shorter than sqrt(1 m^2 / 25 vertices) = 0.2 m, thus 0.1 m per MPa (1, 2, 5).
+            # Lines are shorter than sqrt(1 m^2 / 25 vertices) = 0.2 m, thus 0.1 m per MPa.
             np.testing.assert_allclose(np.hypot(*vectors.T), 1e-7 * abs(stress), atol=1e-9)
             if stress:
                 normal = axis + np.radians(turn + 90.0)
@@ -82,7 +82,7 @@ def test_uniform_stresses_of_a_turned_square(tmp_path, scene):
             "compression",
         }
     html = write([path], tmp_path / "report.html").read_text("utf-8")
-    assert "In-plane principal stresses after load" in html
+    assert "Principal stresses in the plane after the last static stage" in html
 
 
 def test_a_body_in_space_has_no_crosses(tmp_path):

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from dolfinx_joints.common.arrays import Floats
-from dolfinx_joints.postprocessing.body import Body
+from dolfinx_joints.postprocessing.body import Body, face_areas
 from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE, FACETS, LEVELS, STAGE_STRESSES
 from dolfinx_joints.results.reader import Results
 
@@ -68,9 +68,7 @@ class StressRatios:
         if faces.shape[1] == 2:
             return "overstressed_area", "stresses are recorded along lines only", np.nan, None
         faces = faces[np.isin(faces, self._nodes).all(axis=1)]
-        corners = nodes[faces]
-        cross = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
-        share = 0.5 * np.linalg.norm(cross, axis=1) / faces.shape[1]
+        share = face_areas(nodes, faces) / faces.shape[1]
         area = np.bincount(faces.ravel(), np.repeat(share, faces.shape[1]), len(nodes))
         ratios = self._ratios("envelopes", "principal_max", "dynamic_tensile")[-1]
         if not area.any() or np.isnan(ratios).any():

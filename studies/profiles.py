@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dolfinx_joints import Results
 from dolfinx_joints.postprocessing.axes import decorate, legend, new_axes
 from dolfinx_joints.postprocessing.joints.surface import (
-    LABELS,
+    MAP_LABELS,
     JointSurface,
     Quantity,
     map_value,
@@ -59,7 +59,7 @@ def traction_profile(
         values = map_value(results, joint, name, number)[chosen]
         is_open = np.isnan(values)
         values[is_open] = 0.0
-        label = LABELS[name].replace(" [MPa]", "").replace(" [-]", "")
+        label = MAP_LABELS[name].replace(" [MPa]", "").replace(" [-]", "")
         ax.plot(values, height, marker=marker, markersize=4, color=colour, label=label)
         ax.plot(values[is_open], height[is_open], marker, markersize=4.5, color="black")
     ax.plot([], [], "o", color="black", markersize=4.5, label="open")

@@ -36,7 +36,6 @@ from dolfinx_joints.monitors.probes import boundary_facets
 from dolfinx_joints.postprocessing.envelopes import (
     ENVELOPE_NAMES,
     PLANE_STRESS,
-    STAGE_STRESSES,
     STRENGTHS,
     Envelopes,
     Strength,
@@ -283,10 +282,9 @@ class StressEnvelopes:
             present: 1 at this rank's vertices, 0 at vertices of absent blocks, shape (n,).
         """
         stress = present[:, None] * self._stress(u, time, loads)
-        columns = stage_stresses(stress, self.arch, self.cantilever).T
-        names = dict.fromkeys(STAGE_STRESSES.values())
-        values = {n: self._stress.across(c) for n, c in zip(names, columns, strict=True)}
-        return values | self._in_plane(stress)
+        series = stage_stresses(stress, self.arch, self.cantilever)
+        across_ranks = {name: self._stress.across(values) for name, values in series.items()}
+        return across_ranks | self._in_plane(stress)
 
     def state_dict(self) -> Dealt:
         """Return the columns of the envelopes of all ranks (collective)."""

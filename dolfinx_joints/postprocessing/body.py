@@ -213,15 +213,10 @@ def jointed_groups(results: Results) -> list[str] | None:
 
 def top(points: Floats, camera: Camera) -> Floats:
     """Return the picture coordinates of the rightmost of the highest points."""
-    size = size_of(points)
+    size = np.linalg.norm(np.ptp(points, axis=0))
     height = points[:, 2 if points[:, 2].any() else 1]  # y is upwards in plane models
     highest = camera.project(points[height >= height.max() - 0.01 * size])
     return highest[np.argmax(highest[:, 0])]
-
-
-def size_of(nodes: Floats) -> float:
-    """Return the diagonal of the bounding box of nodes [m]."""
-    return float(np.linalg.norm(np.ptp(nodes, axis=0)))
 
 
 def data_limits(values: Floats) -> tuple[float, float]:

@@ -49,13 +49,9 @@ def principal_extremes(stress: ArrayLike) -> Floats:
 
 
 def principal_directions(stress: Floats) -> tuple[Floats, Floats]:
-    """Return in-plane principal stresses and the direction of the largest one.
+    """Return largest and smallest in-plane stress, (2, n), and unit vectors of the largest, (n, 2).
 
-    Args:
-        stress: (xx, yy, xy), tension positive, shape (n, 3), [Pa].
-
-    Returns:
-        Largest and smallest stress, shape (2, n), [Pa]; unit vectors (x, y), shape (n, 2).
+    The stresses (n, 3) are rows (xx, yy, xy).
     """
     x, y, shear = stress.T
     mean, radius = 0.5 * (x + y), np.hypot(0.5 * (x - y), shear)
@@ -214,7 +210,8 @@ def declare_directions(
         writer.static(f"envelopes/strength/{name}", strength, "Pa", text)
 
 
-def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> Floats:
-    """Return stresses in the order of the series in ``STAGE_STRESSES``, shape (n, 4), [Pa]."""
+def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> dict[str, Floats]:
+    """Return stresses by the series in ``STAGE_STRESSES``, shape (n,), [Pa]."""
     along = [stress_along(stress, direction) for direction in (arch, cantilever)]
-    return np.column_stack([*principal_extremes(stress), *along])
+    columns = [*principal_extremes(stress), *along]
+    return dict(zip(dict.fromkeys(STAGE_STRESSES.values()), columns, strict=True))

@@ -65,7 +65,7 @@ from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
 from dolfinx_joints.postprocessing.joints.panels import joint_panels as joint_panels
 from dolfinx_joints.postprocessing.joints.profiles import joint_profiles as joint_profiles
 from dolfinx_joints.postprocessing.joints.surface import (
-    LABELS,
+    MAP_LABELS,
     JointSurface,
     Quantity,
     map_limits,
@@ -269,7 +269,7 @@ def joint_traction(
     ax.set_aspect("equal", adjustable="datalim")  # keeps room for labels at narrow joints
     ax.set_title(f"{joint} {moment}", fontsize="medium")
     colour_bar = ax.figure.colorbar(patches, ax=ax, shrink=0.85)
-    colour_bar.set_label(LABELS[quantity].replace(", ", "\n"))
+    colour_bar.set_label(MAP_LABELS[quantity].replace(", ", "\n"))
     areas = free_areas(results, joint)
     share = float(areas[np.isnan(values)].sum() / areas.sum())
     _open_legend(ax, share, some_tied=bool(surface.tied.any()))

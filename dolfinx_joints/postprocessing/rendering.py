@@ -123,18 +123,11 @@ class Scene:
         if levels and lines.n_cells:
             self.layers.append((lines, _CONTOUR | style))
 
-    def edges(
-        self,
-        points: ArrayLike,
-        faces: Faces,
-        *,
-        sharper_than_deg: float | None = 30.0,
-        **style: Any,
-    ) -> None:
+    def edges(self, points: ArrayLike, faces: Faces, **style: Any) -> None:
         """Add the outline of polygons; points within 1e-6 of the total size are merged.
 
-        The outline consists of edges with one polygon and of edges sharper than
-        ``sharper_than_deg``, unless this is None. The orientation of the polygons does not matter.
+        The outline consists of edges with one polygon and of edges sharper than 30 degrees. The
+        orientation of the polygons does not matter.
         """
         if not len(faces):
             return
@@ -142,13 +135,7 @@ class Scene:
             polygons(points, faces)
             .clean(tolerance=1e-6, absolute=False)
             .compute_normals(point_normals=False, consistent_normals=True)
-            .extract_feature_edges(
-                feature_angle=180.0 if sharper_than_deg is None else sharper_than_deg,
-                boundary_edges=True,
-                feature_edges=sharper_than_deg is not None,
-                manifold_edges=False,
-                non_manifold_edges=False,
-            )
+            .extract_feature_edges(30.0, manifold_edges=False, non_manifold_edges=False)
         )
         if lines.n_cells:
             self.layers.append((lines, {"lighting": False} | style))

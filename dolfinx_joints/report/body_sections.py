@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from dolfinx_joints.common.arrays import Flags, Floats, Ints
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.postprocessing import measures, views
 from dolfinx_joints.postprocessing.body import Body
 from dolfinx_joints.postprocessing.envelopes import PLANE_STRESS, EnvelopeName
@@ -88,10 +88,9 @@ def stresses(content: Content) -> Section:
     title = "Stresses"
     runs = [run for run in content.runs if run.has("envelopes")]
     crosses = _crosses(content, content.main)
-    if not runs and crosses:
-        return Section("stresses", title, crosses)
     if not runs:
-        return nothing("stresses", title, "stress envelopes")
+        empty = nothing("stresses", title, "stress envelopes")
+        return Section("stresses", title, crosses) if crosses else empty
     extremes = [measures.stress_extremes(run.results) for run in runs]
     rows = [[name.replace("_", ", "), *(1e-6 * e[name] for e in extremes)] for name in extremes[0]]
     head = ["[MPa]", *(run.label for run in runs)]
@@ -110,17 +109,16 @@ def stresses(content: Content) -> Section:
 
 def _crosses(content: Content, run: Run) -> list[Html]:
     """Return pictures of the principal directions of a plane run in statics and dynamics."""
+    states: list[tuple[str, dict[str, Any]]] = []
+    if run.has("statics", PLANE_STRESS):
+        states.append(("after the last static stage", {"stage": -1}))
+    if run.has("states", PLANE_STRESS):
+        time, moment = largest_moment(run)
+        states.append((f"at {moment}", {"time": time}))
     pictures = []
-    for stream in ("statics", "states"):
-        if not (run.drawable and run.has(stream, PLANE_STRESS)):
-            continue
-        state: dict[str, Any] = {"stage": -1}
-        words = "after the last static stage"
-        if stream == "states":
-            state["stage"], (state["time"], moment) = None, largest_moment(run)
-            words = f"at {moment}"
+    for words, state in states if run.drawable else []:
         drawn = views.principal_stresses(run.results, groups=run.groups, **state)
-        path = content.save(f"principal_{stream}", drawn)
+        path = content.save(f"principal_{'_'.join(state)}", drawn)
         caption = f"Principal stresses in the plane {words}, {run.label}."
         pictures.append(figure([content.drawings.picture(path, caption)], caption))
     return pictures
@@ -156,15 +154,15 @@ def scene(run: Run) -> dict[str, Any]:
     results = run.results
     surface = results.static("mesh/surface")
     shown = np.isin(surface, Body(results, run.groups).seen).all(axis=1)
-    used, numbers = np.unique(surface[shown], return_inverse=True)
-    surface[shown] = numbers.reshape(surface[shown].shape)
+    used = np.unique(surface[shown])
+    surface = np.where(shown[:, None], np.searchsorted(used, surface), -1)
     nodes = results.static("mesh/nodes")[used]
     sizes, openings = _sizes(results, used), _openings(results)
     largest = openings.max(axis=1, initial=0.0)
     start, widest = int(np.argmax(sizes)), int(np.argmax(largest))
     rows = len(sizes)
     moments = np.unique([*np.linspace(0, rows - 1, min(rows, MOMENTS)).astype(int), start, widest])
-    faces, cells = _joint_faces(results, surface, shown)
+    faces, cells = _joint_faces(results, surface)
     surface = surface[shown]
     body, _ = _triangles(surface, np.arange(len(surface)))
     return {
@@ -226,14 +224,15 @@ def _openings(results: Results) -> Floats:
     return np.concatenate(openings, axis=1)
 
 
-def _joint_faces(
-    results: Results, surface: Ints, shown: Flags
-) -> tuple[dict[str, dict[str, str]], Ints]:
-    """Return triangles of the shown joint faces, and the number of each triangle's joint facet."""
+def _joint_faces(results: Results, surface: Ints) -> tuple[dict[str, dict[str, str]], Ints]:
+    """Return triangles of the joint faces, and the number of each triangle's joint facet.
+
+    Facets of ``surface`` that are not shown have the vertices -1.
+    """
     sides = [facets_of_joint(results, joint)[1].ravel() for joint in results.joints]
     chosen = np.concatenate([np.zeros(0, dtype=np.int64), *sides])
-    cells = np.repeat(np.arange(len(chosen) // 2), 2)[shown[chosen]]
-    return _triangles(surface[chosen[shown[chosen]]], cells)
+    shown = surface[chosen, 0] >= 0
+    return _triangles(surface[chosen[shown]], np.repeat(np.arange(len(chosen) // 2), 2)[shown])
 
 
 def _triangles(facets: Ints, cells: Ints) -> tuple[dict[str, dict[str, str]], Ints]:

@@ -35,10 +35,14 @@ MapQuantity = Literal[Quantity, "opening", "slip", "state", Largest]
 # Rows of the stream ``joint_maxima`` by quantity.
 OVER_RUN = {f"largest_{row.key}": row for row in TABLE["joint_maxima"] if row.label}
 
-LABELS = {
+MAP_LABELS = {
     "normal": r"normal traction $t_n$ [MPa], tension $> 0$",
     "tangential": r"tangential traction $|t_s|$ [MPa]",
     "mobilised": r"mobilised friction $|t_s|/(\mu p + c)$ [-]",
+    "opening": "opening [mm]",
+    "slip": "tangential gap [mm]",
+    "state": "state of the points",
+    **{name: row.heading for name, row in OVER_RUN.items()},
 }
 _ELEVATION = "elevation [m]"
 # Tolerance in reference coordinates: a corner closer to the bisector of two points counts as on the
@@ -47,12 +51,6 @@ ON_BISECTOR = 1e-9
 # Least squared length of the mean normal of a flat joint, whose normals are within 27 degrees.
 _FLAT = 0.8
 
-MAP_LABELS = LABELS | {
-    "opening": "opening [mm]",
-    "slip": "tangential gap [mm]",
-    "state": "state of the points",
-    **{name: row.heading for name, row in OVER_RUN.items()},
-}
 # States in the order of their numbers in the file. Tied points have one colour in all maps.
 STATES = {
     "open": OPEN,

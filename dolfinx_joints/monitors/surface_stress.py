@@ -249,7 +249,7 @@ class StressEnvelopes:
         self.begin()
 
     @property
-    def directions(self) -> list[Array | None]:
+    def directions(self) -> list[Any]:
         """Facets of the groups, ``nodes``, directions and, if given, strengths on all ranks."""
         rows = (self.nodes, self.arch, self.cantilever, *self._strengths.values())
         return [self._facets, *(self._stress.across(values) for values in rows)]

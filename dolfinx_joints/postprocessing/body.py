@@ -75,7 +75,9 @@ class Body:
         self.free: Ints = outer[inside]
         self.shown, self.translucent = self.free, np.delete(outer, inside, axis=0)
         self.legend: dict[str, str] = {}
-        self._corners, self._colours, self._layers = {}, {}, []
+        self._corners: dict[str, Ints] = {}
+        self._colours: dict[str, str] = {}
+        self._layers: list[tuple[Ints, str]] = []
         for name, own in zip(short_names(results.joints).values(), sides, strict=True):
             faces = surface[own]
             is_seen = np.isin(faces, self.seen).all(axis=1)

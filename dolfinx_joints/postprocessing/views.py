@@ -104,8 +104,10 @@ def mesh(
     style: dict[str, Any] = {"ambient": 0.45, "diffuse": 0.6}
     style |= {"edge_visibility": True, "edge_color": _LINE}
     figure, _ = _sketch(body, azimuths_deg, elevation_deg, **style)
-    cells = results.metadata.get("cells") or len(results.static("mesh/cells"))
-    count = f"{cells} cells, {len(body.nodes)} nodes"
+    count = f"{len(body.nodes)} nodes"
+    if "cells" in results.metadata or "mesh/cells" in results.statics:
+        cells = results.metadata.get("cells") or len(results.static("mesh/cells"))
+        count = f"{cells} cells, {count}"
     title = f"finite-element mesh: {count}, {len(results.joints)} joints"
     figure.suptitle(title, fontsize="medium")
     return figure
@@ -305,10 +307,11 @@ def principal_stresses(
     _, drawn = np.unique(np.floor(places / np.sqrt(area / _CROSSES)), axis=0, return_index=True)
     usual = 1e-6 * float(np.quantile(np.abs(stresses[:, drawn]), _USUAL)) or 1.0
     metres = round_down(np.sqrt(area / len(drawn)) / usual)  # per MPa
-    for stress, direction in zip(stresses, (first, first[:, ::-1] * [-1.0, 1.0]), strict=True):
-        half = 0.5e-6 * metres * stress[drawn, None] * direction[drawn]
+    for row, direction in enumerate((first, first[:, ::-1] * [-1.0, 1.0])):
+        stress = stresses[row, drawn]
+        half = 0.5e-6 * metres * stress[:, None] * direction[drawn]
         lines = np.stack([places[drawn] - half, places[drawn] + half], axis=1)
-        colours = np.where(stress[drawn] > 0.0, RED, BLUE).tolist()
+        colours = np.where(stress > 0.0, RED, BLUE).tolist()
         axes[0].add_collection(LineCollection(list(lines), colors=colours, linewidths=0.9))
     title = f"principal stresses {moment}: {low:.2f} to {high:.2f} MPa"
     figure.suptitle(f"{title}\nlength of lines: {metres:g} m per MPa", fontsize="medium")

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from dolfinx_joints.common.arrays import Floats, Ints
+from dolfinx_joints.common.arrays import Flags, Floats, Ints
 from dolfinx_joints.postprocessing import measures, views
 from dolfinx_joints.postprocessing.body import Body
 from dolfinx_joints.postprocessing.envelopes import PLANE_STRESS, EnvelopeName
@@ -153,7 +153,7 @@ def scene(run: Run) -> dict[str, Any]:
     """
     results = run.results
     surface = results.static("mesh/surface")
-    shown = np.isin(surface, Body(results, run.groups).seen).all(axis=1)
+    shown: Flags = np.isin(surface, Body(results, run.groups).seen).all(axis=1)
     used = np.unique(surface[shown])
     surface = np.where(shown[:, None], np.searchsorted(used, surface), -1)
     nodes = results.static("mesh/nodes")[used]

@@ -153,7 +153,7 @@ def scene(run: Run) -> dict[str, Any]:
     """
     results = run.results
     surface = results.static("mesh/surface")
-    shown: Flags = np.isin(surface, Body(results, run.groups).seen).all(axis=1)
+    shown: Flags = np.asarray(np.isin(surface, Body(results, run.groups).seen).all(axis=1))
     used = np.unique(surface[shown])
     surface = np.where(shown[:, None], np.searchsorted(used, surface), -1)
     nodes = results.static("mesh/nodes")[used]

@@ -90,7 +90,7 @@ def joint_extremes(
     forces = (series[name] for name in ("compression", "shear_sum", "bond"))
     series["safety"] = safety_against_sliding(friction, *forces)
     with np.errstate(divide="ignore"):
-        series["mobilised"] = 1.0 / series["safety"]
+        series["mobilised"] = np.divide(1.0, series["safety"])
     return JointExtremes(time=time, values=series)
 
 

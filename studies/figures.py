@@ -55,9 +55,10 @@ def body_figures(joints: Results, out: Path) -> list[Path]:
 
 
 def joint_figures(joints: Results, out: Path) -> list[Path]:
-    """Draw figures 5 to 7: tractions on the middle joint at the time of figure 4, and their ratio.
+    """Draw figures 5 to 7: tractions on the middle joint at the time of figure 4, and friction.
 
-    Figure 5 is two files: normal and tangential traction.
+    Figure 5 is two files: normal and tangential traction. Figure 7 is the mobilised friction; the
+    paper draws -|t_s|/|t_n| instead.
     """
     moment, name = largest_time(joints), shown_joint(joints)
     maps = (("normal", "05_normal"), ("tangential", "05_tangential"))
@@ -65,7 +66,7 @@ def joint_figures(joints: Results, out: Path) -> list[Path]:
     for quantity, number in maps:
         ax = plots.joint_traction(joints, name, quantity, time=moment)
         written.append(plots.save(ax.figure, out / f"figure_{number}.png"))
-    for quantity, number in (("tractions", "06"), ("ratio", "07")):
+    for quantity, number in (("tractions", "06"), ("mobilised", "07")):
         ax = traction_profile(joints, name, quantity, time=moment)
         written.append(plots.save(ax.figure, out / f"figure_{number}.png"))
     return written
@@ -110,13 +111,13 @@ def moment_figures(joints: Results, out: Path) -> list[Path]:
     moment = mixed_time(joints, name)
     shape = views.deformed(joints, time=largest_time(joints))
     written = [plots.save(shape, out / "deformed.png")]
-    for quantity in ("ratio", "normal"):
+    for quantity in ("mobilised", "normal"):
         figure = plots.joint_maps(joints, quantity, time=moment)
         written.append(plots.save(figure, out / f"all_joints_{quantity}.png"))
-    for quantity in ("normal", "tangential", "ratio"):
+    for quantity in ("normal", "tangential", "mobilised"):
         ax = plots.joint_traction(joints, name, quantity, time=moment)
         written.append(plots.save(ax.figure, out / f"traction_{quantity}.png"))
-    for quantity in ("tractions", "ratio"):
+    for quantity in ("tractions", "mobilised"):
         ax = traction_profile(joints, name, quantity, time=moment)
         written.append(plots.save(ax.figure, out / f"profile_{quantity}.png"))
     return written

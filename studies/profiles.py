@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dolfinx_joints import Results
 from dolfinx_joints.postprocessing.axes import decorate, legend, new_axes
 from dolfinx_joints.postprocessing.joints.surface import (
-    LABELS,
+    MAP_LABELS,
     JointSurface,
     Quantity,
     map_value,
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def traction_profile(
     results: Results,
     joint: str,
-    quantity: Literal["tractions", "ratio"] = "tractions",
+    quantity: Literal["tractions", "mobilised"] = "tractions",
     *,
     time: float | None = None,
     index: int = -1,
@@ -35,13 +35,13 @@ def traction_profile(
 ) -> Axes:
     """Draw tractions along the height of a joint, at a relative width.
 
-    It shows the joint points closest to this line: normal and tangential traction, or their ratio
-    -|t_s|/|t_n|. Open points are black, at zero traction or at ratio 1.
+    It shows the joint points closest to this line: normal and tangential traction, or the
+    mobilised friction. Open points are black, at zero.
 
     Args:
         results: The run.
         joint: Name of the joint.
-        quantity: ``"tractions"`` or ``"ratio"``.
+        quantity: ``"tractions"`` or ``"mobilised"``.
         time: Time of the record of ``states``; the nearest one is drawn [s].
         index: Number of the record, if no time is given.
         position: 0 at the upstream (left) edge of the joint, 1 at the other edge.
@@ -52,20 +52,20 @@ def traction_profile(
     chosen = points_along(surface, position)
     chosen = chosen[~surface.tied[chosen]]  # tied points transmit nothing
     height = surface.points[chosen, 1]
-    curves: tuple[tuple[Quantity, str, str], ...] = (("ratio", BLUE, "o"),)
+    curves: tuple[tuple[Quantity, str, str], ...] = (("mobilised", BLUE, "o"),)
     if quantity == "tractions":
         curves = (("normal", BLUE, "o"), ("tangential", RED, "s"))
     for name, colour, marker in curves:
         values = map_value(results, joint, name, number)[chosen]
         is_open = np.isnan(values)
-        values[is_open] = 1.0 if name == "ratio" else 0.0
-        label = LABELS[name].replace(" [MPa]", "").replace(" [-]", "")
+        values[is_open] = 0.0
+        label = MAP_LABELS[name].replace(" [MPa]", "").replace(" [-]", "")
         ax.plot(values, height, marker=marker, markersize=4, color=colour, label=label)
         ax.plot(values[is_open], height[is_open], marker, markersize=4.5, color="black")
     ax.plot([], [], "o", color="black", markersize=4.5, label="open")
     ax.axvline(0.0, color=GREY, linewidth=0.8)
-    unit = "[-], 1: open" if quantity == "ratio" else "[MPa]"
-    decorate(ax, f"{'ratio' if quantity == 'ratio' else 'traction'} {unit}", surface.labels[1])
+    is_traction = quantity == "tractions"
+    decorate(ax, "traction [MPa]" if is_traction else "mobilised friction [-]", surface.labels[1])
     ax.set_title(
         f"{joint} at t = {results.time('states')[number]:.3f} s, {position:.0%} of width",
         fontsize="medium",

@@ -93,7 +93,7 @@ def declare_static_stages(
 
 def declare_envelopes(writer: ResultsWriter, nodes: Any, arch: Any, cantilever: Any) -> None:
     """Write nodes and directions of envelopes, and declare the envelopes."""
-    declare_directions(writer, nodes, arch, cantilever)
+    declare_directions(writer, None, nodes, arch, cantilever)
     declare(writer, "envelopes", dict.fromkeys(ENVELOPE_NAMES, nodes))
 
 

@@ -22,7 +22,6 @@ from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.probes import PointProbe
 from dolfinx_joints.monitors.resultants import breakable_joints, broken_points
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes
-from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES
 from dolfinx_joints.results.layout import stage_bytes
 from dolfinx_joints.results.quantities import ENERGY_TERMS, rows_below
 from dolfinx_joints.simulation.outcome import StaticState
@@ -129,8 +128,7 @@ class StageFields:
             values[f"reaction/{group}"] = self._model.resultant(state.reaction, group)
         if self._envelopes is not None:
             present = self._present(self._envelopes, state.absent)
-            columns = self._envelopes.at(state.displacement, stage.time, stage.loads, present)
-            values |= dict(zip(dict.fromkeys(STAGE_STRESSES.values()), columns, strict=True))
+            values |= self._envelopes.at(state.displacement, stage.time, stage.loads, present)
         return values | self._energies(state)
 
     def _energies(self, state: StaticState) -> dict[str, float]:

@@ -64,7 +64,7 @@ class ResultsMonitor(Monitor):
         overwrite: Replace an existing file.
         envelopes: Record envelopes of principal, arch and cantilever stresses, including the static
             state, on the whole boundary (in 2-D in all cells) or on the named facet groups. They
-            cost one matrix-vector product per step.
+            cost one matrix-vector product per step. In 2-D, states have stresses as well.
         strength: `Strength` of the body or by cell group for `checks`, to be given with
             ``envelopes``. Also records the time for which the largest principal stress exceeds
             1, 1.1, ... 2 times the dynamic tensile strength.
@@ -361,6 +361,8 @@ class ResultsMonitor(Monitor):
         values = self._fields.values(record.displacement, record.joints, record.pressure)
         if static is not None:
             values[STATIC_PART] = self._nodes.across(self._nodes.dealt(static))
+        if self._envelopes is not None:
+            values |= self._envelopes.in_plane(record.displacement, record.time)
         return values
 
     def _extend(self, block: tuple[Sequence[float], Mapping[str, Any]]) -> None:

@@ -35,6 +35,7 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import boundary_facets
 from dolfinx_joints.postprocessing.envelopes import (
     ENVELOPE_NAMES,
+    PLANE_STRESS,
     STRENGTHS,
     Envelopes,
     Strength,
@@ -234,10 +235,12 @@ class StressEnvelopes:
     ) -> None:
         """Assemble the stress recovery (collective)."""
         chosen = None if groups is None else facets_of_groups(model, nodes, groups)
+        self._facets = None if chosen is None else across(model.jointed.mesh.comm, chosen)
         self._stress = SurfaceStress(model, nodes, chosen)
         self.nodes = self._stress.nodes
         self._strengths = self._stress.strengths(model, strength or {})
-        if model.gdim == 3:
+        self._plane = model.gdim == 2
+        if not self._plane:
             free = free_facets(model, nodes) if chosen is None else chosen
             self.arch, self.cantilever = _directions(model, nodes, free, self.nodes)
         else:
@@ -246,10 +249,10 @@ class StressEnvelopes:
         self.begin()
 
     @property
-    def directions(self) -> list[Array]:
-        """``nodes``, ``arch``, ``cantilever`` and, if given, strengths on all ranks."""
+    def directions(self) -> list[Any]:
+        """Facets of the groups, ``nodes``, directions and, if given, strengths on all ranks."""
         rows = (self.nodes, self.arch, self.cantilever, *self._strengths.values())
-        return [self._stress.across(values) for values in rows]
+        return [self._facets, *(self._stress.across(values) for values in rows)]
 
     def begin(self) -> None:
         """Reset the envelopes at the start of a run."""
@@ -260,8 +263,17 @@ class StressEnvelopes:
         """Update the envelopes with the stresses at a time [s], from displacements (collective)."""
         self._envelopes.see(self._stress(u, time), time)
 
-    def at(self, u: PETSc.Vec, time: float, loads: Sequence[int], present: Floats) -> list[Array]:
-        """Return the stresses of a static stage of all ranks, see `stage_stresses` (collective).
+    def in_plane(self, u: PETSc.Vec, time: float) -> dict[str, Array]:
+        """Return the in-plane stresses at a time [s] of all ranks, nothing in 3-D (collective)."""
+        return self._in_plane(self._stress(u, time)) if self._plane else {}
+
+    def _in_plane(self, stress: Floats) -> dict[str, Array]:
+        return {PLANE_STRESS: self._stress.across(stress[:, [0, 1, 3]])} if self._plane else {}
+
+    def at(
+        self, u: PETSc.Vec, time: float, loads: Sequence[int], present: Floats
+    ) -> dict[str, Array]:
+        """Return the stresses of a static stage of all ranks by series (collective).
 
         Args:
             u: Displacement [m].
@@ -270,8 +282,9 @@ class StressEnvelopes:
             present: 1 at this rank's vertices, 0 at vertices of absent blocks, shape (n,).
         """
         stress = present[:, None] * self._stress(u, time, loads)
-        columns = stage_stresses(stress, self.arch, self.cantilever)
-        return [self._stress.across(column) for column in columns.T]
+        series = stage_stresses(stress, self.arch, self.cantilever)
+        across_ranks = {name: self._stress.across(values) for name, values in series.items()}
+        return across_ranks | self._in_plane(stress)
 
     def state_dict(self) -> Dealt:
         """Return the columns of the envelopes of all ranks (collective)."""

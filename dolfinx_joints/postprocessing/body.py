@@ -11,32 +11,35 @@ import numpy as np
 
 from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.postprocessing.joints.surface import facets_of_joint, is_plane
-from dolfinx_joints.postprocessing.palette import CONCRETE, RED, colours
+from dolfinx_joints.postprocessing.palette import CONCRETE, PERIMETRAL, RED, colours
 from dolfinx_joints.postprocessing.rendering import (
     Camera,
     Scene,
     colour_bar,
     contour_levels,
     draw,
+    legend,
     write_names,
 )
 from dolfinx_joints.results.arguments import check_results, rows_of_groups
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
 MESH: dict[str, Any] = {"edge_visibility": True, "edge_color": "#8c8c8c", "edge_opacity": 0.35}
 OUTLINE: dict[str, Any] = {"color": "#737373", "line_width": 3.0}
 VTK_TRIANGLES = (5, 22, 69)  # VTK's linear, quadratic and Lagrange triangle
-_JOINT_LINE = 4.0  # width of the sides of a joint in a plane model
+_JOINT_LINE = 5.0  # width of the lines of joints
 
 
 class Body:
     """Drawn faces of a body: an opaque part that fills the picture, and a translucent part.
 
-    They are the boundary facets of a 3-D body without joints, and the cells of a plane body.
+    They are the boundary facets of a 3-D body, and the cells of a plane body. A joint with one side
+    in the groups is perimetral: its facets in the groups are drawn like the boundary.
 
     Args:
         results: The run.
@@ -45,10 +48,11 @@ class Body:
     Attributes:
         nodes: Positions of all nodes, shape (n, 3), [m].
         plane: True if the body is plane.
+        free: Vertices of the opaque faces outside joints.
         shown: Vertices of the opaque faces.
         translucent: Vertices of the translucent faces.
-        joints: Vertices of the facets (in 2-D lines) on both sides of all joints.
         seen: Node numbers of the opaque cells.
+        legend: Colours of the joints by label.
     """
 
     def __init__(self, results: Results, groups: Collection[str] | None = None) -> None:
@@ -62,19 +66,35 @@ class Body:
             outer: Ints = results.static("mesh/cells")[:, :vertices]
         else:
             outer = np.delete(surface, every, axis=0)
-        self.joints: Ints = surface[every]
         self.seen: Ints = np.arange(len(self.nodes))
         inside: Ints = np.arange(len(outer))
         if groups is not None:
             rows = rows_of_groups(results, groups)
             self.seen = np.unique(results.static("mesh/cells")[rows])
             inside = np.flatnonzero(np.isin(outer, self.seen).all(axis=1))
-        self.shown: Ints = outer[inside]
-        self.translucent: Ints = np.delete(outer, inside, axis=0)
-        self._corners = {
-            name: surface[own].reshape(-1)
-            for name, own in zip(short_names(results.joints).values(), sides, strict=True)
-        }
+        self.free: Ints = outer[inside]
+        self.shown, self.translucent = self.free, np.delete(outer, inside, axis=0)
+        self.legend: dict[str, str] = {}
+        self._corners: dict[str, Ints] = {}
+        self._colours: dict[str, str] = {}
+        self._layers: list[tuple[Ints, str]] = []
+        for name, own in zip(short_names(results.joints).values(), sides, strict=True):
+            faces = surface[own]
+            is_seen = np.isin(faces, self.seen).all(axis=1)
+            if is_seen.any():
+                self._add_joint(name, faces[is_seen], perimetral=not is_seen.all())
+
+    def _add_joint(self, name: str, faces: Ints, *, perimetral: bool) -> None:
+        """Add a joint, whose facets in the groups have the given vertices."""
+        label, colour = ("perimetral joints", PERIMETRAL) if perimetral else ("joints", RED)
+        self.legend[label] = self._colours[name] = colour
+        self._corners[name] = faces.ravel()
+        lines = faces if self.plane else _common_edges(faces, self.free)
+        self._layers.append((lines, colour))
+        if perimetral and not self.plane:
+            self.shown = np.concatenate([self.shown, faces])
+        elif not self.plane:
+            self._layers.append((faces, colour))  # visible if the joint is open
 
     def cameras(self, azimuths_deg: Sequence[float], elevation_deg: float) -> list[Camera]:
         """Return the viewpoints of pictures; a plane body is seen along z, with y upwards."""
@@ -82,19 +102,35 @@ class Body:
             return [Camera(-90.0, 90.0)]
         return [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
 
+    def paint_joints(self, colour: str) -> None:
+        """Give all joints one colour."""
+        self.legend = {"joints": colour} if self._layers else {}
+        self._colours = dict.fromkeys(self._colours, colour)
+        self._layers = [(faces, colour) for faces, _ in self._layers]
+
     def draw_joints(self, scene: Scene, nodes: Floats) -> None:
-        """Add both sides of all joints to a scene, in red, with nodes at positions (n, 3) [m]."""
-        if self.joints.size:
-            scene.surface(nodes, self.joints, color=RED, lighting=False, line_width=_JOINT_LINE)
+        """Add the joints to a scene as lines on the opaque faces, with nodes at (n, 3) [m].
+
+        Both sides have a line. The faces of open joints within the groups are filled.
+        """
+        for faces, colour in self._layers:
+            scene.surface(nodes, faces, color=colour, lighting=False, line_width=_JOINT_LINE)
+
+    def explain_joints(self, axes: Sequence[Axes], cameras: Sequence[Camera], at: Floats) -> None:
+        """Write the names of the joints into pictures and a legend below the last one.
+
+        The nodes are at positions ``at``, shape (n, 3), [m].
+        """
+        for ax, camera in zip(axes, cameras, strict=True):
+            tops = {name: top(at[corners], camera) for name, corners in self._corners.items()}
+            write_names(ax, tops, self._colours)
+        if self.legend:
+            legend(axes[-1], dict(sorted(self.legend.items())))
 
     def draw_translucent(self, scene: Scene, nodes: Floats) -> None:
         """Add the translucent facets to a scene, with all nodes at positions (n, 3) [m]."""
         if len(self.translucent):
             scene.surface(nodes, self.translucent, color=CONCRETE, opacity=0.25, framed=False)
-
-    def tops(self, nodes: Floats, camera: Camera) -> dict[str, Floats]:
-        """Return the places of the joint names in a picture; nodes are positions (n, 3) [m]."""
-        return {name: top(nodes[corners], camera) for name, corners in self._corners.items()}
 
 
 class Deformed:
@@ -137,12 +173,27 @@ class Deformed:
         scene.edges(body.nodes, body.shown, **OUTLINE)
         body.draw_translucent(scene, positions)
         figure, axes = draw(scene, cameras)
-        for ax, camera in zip(axes, cameras, strict=True):
-            write_names(ax, body.tops(positions, camera), RED)
+        body.explain_joints(axes, cameras, positions)
         label = f"displacement [mm], {frame}"
         colour_bar(figure, axes, colours(), limits, label, levels)
         figure.suptitle(title, fontsize="medium")
         return figure
+
+
+def face_areas(nodes: Floats, faces: Ints) -> Floats:
+    """Return the areas of triangles or plane quadrilaterals, shape (faces,), [m^2]."""
+    a, b, c, d = (nodes[faces[:, column]] for column in (0, 1, 2, -1))
+    return np.asarray(0.5 * np.linalg.norm(np.cross(c - a, d - b), axis=1))
+
+
+def _common_edges(first: Ints, second: Ints) -> Ints:
+    """Return the edges, shape (n, 2), that occur in both of two sets of faces."""
+    both = []
+    for faces in (first, second):
+        pairs = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+        both.append(np.unique(np.sort(pairs, axis=1), axis=0))
+    edges, count = np.unique(np.concatenate(both), axis=0, return_counts=True)
+    return edges[count == 2]
 
 
 def jointed_groups(results: Results) -> list[str] | None:
@@ -164,15 +215,10 @@ def jointed_groups(results: Results) -> list[str] | None:
 
 def top(points: Floats, camera: Camera) -> Floats:
     """Return the picture coordinates of the rightmost of the highest points."""
-    size = size_of(points)
+    size = np.linalg.norm(np.ptp(points, axis=0))
     height = points[:, 2 if points[:, 2].any() else 1]  # y is upwards in plane models
     highest = camera.project(points[height >= height.max() - 0.01 * size])
     return highest[np.argmax(highest[:, 0])]
-
-
-def size_of(nodes: Floats) -> float:
-    """Return the diagonal of the bounding box of nodes [m]."""
-    return float(np.linalg.norm(np.ptp(nodes, axis=0)))
 
 
 def data_limits(values: Floats) -> tuple[float, float]:

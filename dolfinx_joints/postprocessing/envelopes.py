@@ -33,7 +33,9 @@ STAGE_STRESSES = {
 # Levels of the largest principal stress / dynamic tensile strength, for the time of overstress.
 LEVELS = np.linspace(1.0, 2.0, 11)
 STRENGTHS = ("tensile", "dynamic_tensile", "compressive")
-DYNAMIC_TENSILE = "envelopes/strength/dynamic_tensile"
+DYNAMIC_TENSILE, FACETS = "envelopes/strength/dynamic_tensile", "envelopes/facets"
+
+PLANE_STRESS = "stress/plane"  # series of ``states`` and ``statics`` of plane models
 
 _STEEP = 0.9  # limit of |n_z|: facets within 26 degrees of the horizontal have no arch direction
 _SMOOTH = 0.8  # least ratio of largest eigenvalue and sum; 0.8 for two facets at 53 degrees
@@ -44,6 +46,17 @@ def principal_extremes(stress: ArrayLike) -> Floats:
     rows = np.asarray(stress, dtype=np.float64)
     tensors = rows[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3)
     return np.asarray(np.linalg.eigvalsh(tensors)[:, [2, 0]].T)
+
+
+def principal_directions(stress: Floats) -> tuple[Floats, Floats]:
+    """Return largest and smallest in-plane stress, (2, n), and unit vectors of the largest, (n, 2).
+
+    The stresses (n, 3) are rows (xx, yy, xy).
+    """
+    x, y, shear = stress.T
+    mean, radius = 0.5 * (x + y), np.hypot(0.5 * (x - y), shear)
+    angle = 0.5 * np.arctan2(2.0 * shear, x - y)
+    return np.stack([mean + radius, mean - radius]), np.stack([np.cos(angle), np.sin(angle)], 1)
 
 
 def stress_along(stress: ArrayLike, direction: ArrayLike) -> Floats:
@@ -175,12 +188,20 @@ class Envelopes:
 
 
 def declare_directions(
-    writer: ResultsWriter, nodes: Array, arch: Array, cantilever: Array, *strengths: Array
+    writer: ResultsWriter,
+    facets: Array | None,
+    nodes: Array,
+    arch: Array,
+    cantilever: Array,
+    *strengths: Array,
 ) -> None:
     """Write the nodes of envelopes, rows of ``mesh/nodes`` (n,), and directions (n, 3) or NaN.
 
-    Strengths (n,) are in the order of ``STRENGTHS``, infinite in cells without a strength.
+    Strengths (n,) are in the order of ``STRENGTHS``, infinite in cells without a strength. Facets
+    (m, 2 to 4) are the vertices of facet groups; None if stresses are recorded everywhere.
     """
+    if facets is not None:
+        writer.static(FACETS, facets, "-", "vertices of the facets with recorded stresses")
     writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
     writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")
     writer.static("envelopes/cantilever", cantilever, "-", "steepest direction in the surface")
@@ -189,7 +210,8 @@ def declare_directions(
         writer.static(f"envelopes/strength/{name}", strength, "Pa", text)
 
 
-def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> Floats:
-    """Return stresses in the order of the series in ``STAGE_STRESSES``, shape (n, 4), [Pa]."""
+def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> dict[str, Floats]:
+    """Return stresses by the series in ``STAGE_STRESSES``, shape (n,), [Pa]."""
     along = [stress_along(stress, direction) for direction in (arch, cantilever)]
-    return np.column_stack([*principal_extremes(stress), *along])
+    columns = [*principal_extremes(stress), *along]
+    return dict(zip(dict.fromkeys(STAGE_STRESSES.values()), columns, strict=True))

@@ -19,20 +19,16 @@ BLUE, ORANGE, GREEN, RED, GREY = "#08519c", "#e69f00", "#238b45", "#b2182b", "#8
 # Reference run, run, further runs; lightness differs too, for print and colour-blind readers.
 RUNS = (ORANGE, BLUE, GREEN, RED, "#7b3294", "#56b4e9", "#8c6d00", "#444444")
 
+PERIMETRAL = "#7b3294"  # joints of the drawn groups to others; joints within the groups are red
 CONCRETE, OPEN, TIED = "#d9d5cc", "black", "#bdb8ac"
 
 
-def colours(*, dark_is_low: bool = False) -> ListedColormap:
-    """Return colours from nearly white to dark blue, also monotonic in grey; NaN is black (open).
-
-    Args:
-        dark_is_low: True to draw the lowest values dark, for quantities that are negative.
-    """
+def colours() -> ListedColormap:
+    """Return colours from nearly white to dark blue, also monotonic in grey; NaN is black."""
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 
-    shades = colormaps["GnBu"](np.linspace(0.0, 1.0, 256))
-    chosen = ListedColormap(shades[::-1] if dark_is_low else shades)
+    chosen = ListedColormap(colormaps["GnBu"](np.linspace(0.0, 1.0, 256)))
     chosen.set_bad(OPEN)
     return chosen
 

@@ -64,7 +64,13 @@ from dolfinx_joints.postprocessing.joints.maps import TIED_STYLE, draw_map
 from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
 from dolfinx_joints.postprocessing.joints.panels import joint_panels as joint_panels
 from dolfinx_joints.postprocessing.joints.profiles import joint_profiles as joint_profiles
-from dolfinx_joints.postprocessing.joints.surface import LABELS, JointSurface, Quantity, map_value
+from dolfinx_joints.postprocessing.joints.surface import (
+    MAP_LABELS,
+    JointSurface,
+    Quantity,
+    map_limits,
+    map_value,
+)
 from dolfinx_joints.postprocessing.measures import (
     acceleration_history,
     band_name,
@@ -74,7 +80,7 @@ from dolfinx_joints.postprocessing.measures import (
     joint_shares,
     resolved_frequencies,
 )
-from dolfinx_joints.postprocessing.palette import BLUE, RED, colour_limits
+from dolfinx_joints.postprocessing.palette import BLUE
 from dolfinx_joints.results.arguments import COMPONENTS, Component, check_results, chosen_state
 from dolfinx_joints.results.joint_points import free_areas, since
 from dolfinx_joints.results.quantities import row_of
@@ -254,18 +260,18 @@ def joint_traction(
     """Draw a map of the traction on a joint, one patch per joint point.
 
     Open points are black, tied points hatched. Axes are the horizontal distance (growing
-    downstream) and the elevation in the joint's mean plane; a curved joint is unrolled. The ratio
-    is -|t_s|/|t_n|, at sliding points -tan(friction angle). `joint_maps` draws all joints.
+    downstream) and the elevation in the joint's mean plane; a curved joint is unrolled. The
+    mobilised friction is 1 at sliding points. `joint_maps` draws all joints.
     """
     results, number, moment = chosen_state(results, time, index, stage)
     surface = JointSurface(results, joint)
     ax = ax or new_axes(width=4.6, height=5.6)
     values = map_value(results, joint, quantity, number)
-    patches = draw_map(ax, surface, values, quantity, colour_limits(values))
+    patches = draw_map(ax, surface, values, quantity, map_limits(quantity, values))
     ax.set_aspect("equal", adjustable="datalim")  # keeps room for labels at narrow joints
     ax.set_title(f"{joint} {moment}", fontsize="medium")
     colour_bar = ax.figure.colorbar(patches, ax=ax, shrink=0.85)
-    colour_bar.set_label(LABELS[quantity].replace(", ", "\n"))
+    colour_bar.set_label(MAP_LABELS[quantity].replace(", ", "\n"))
     areas = free_areas(results, joint)
     share = float(areas[np.isnan(values)].sum() / areas.sum())
     _open_legend(ax, share, some_tied=bool(surface.tied.any()))
@@ -329,10 +335,9 @@ def energy_unit(largest: float) -> tuple[float, str]:
 def joint_histories(results: Results, *, figure: Figure | SubFigure | None = None) -> list[Axes]:
     """Draw series of each joint against time, one panel per quantity.
 
-    The quantities are largest opening, slip and pressure, mean pressure and safety. All joints are
-    drawn. The joint with the largest value or the smallest safety is coloured, and the legend gives
-    its value and time. A dashed line marks a safety of 1, at which a joint slides. The axis of the
-    safety ends at 10, or at 1.5 times the smallest safety if that is larger.
+    The quantities are largest opening, slip and pressure, mean pressure and mobilised friction,
+    which is 1 / safety: a joint slides at 1. All joints are drawn. The joint with the largest value
+    is coloured, and the legend gives its value and time.
     """
     check_results(results)
     if not results.joints:
@@ -343,17 +348,16 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
     panels: list[Axes] = list(drawn.subplots(len(rows), sharex=True))
     for ax, row in zip(panels, rows, strict=True):
         by_value: dict[float, tuple[str, Floats, Floats]] = {}
-        least, lowest = row.key == "safety", 0.0
+        lowest, mobilised = 0.0, row.key == "mobilised"
         for joint, extremes in extremes_of_joints.items():
             values: Floats = row.factor * extremes.values[row.key]
             ax.plot(extremes.time, values, color="0.75", linewidth=0.7)
             finite = values[np.isfinite(values)]
             if finite.size:
                 lowest = min(lowest, float(finite.min()))
-                extreme = finite.min() if least else finite.max()
-                by_value.setdefault(float(extreme), (joint, extremes.time, values))
+                by_value.setdefault(float(finite.max()), (joint, extremes.time, values))
         if by_value:
-            extreme = min(by_value) if least else max(by_value)
+            extreme = max(by_value)
             joint, time, values = by_value[extreme]
             at_time = time[np.argmax(values == extreme)]
             unit = f" {row.shown}" if row.shown else ""
@@ -361,12 +365,10 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
             ax.plot(time, values, color=BLUE, linewidth=1.1, label=label)
             legend(ax, "above")
         heading = row.heading.replace(" [", f"{since(results, row.key)}\n[")
-        decorate(ax, "time [s]" if least else "", heading)
+        decorate(ax, "time [s]" if mobilised else "", heading)
         ax.margins(x=0.0)
         ax.set_ylim(bottom=lowest)
-    panels[-1].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")
-    highest = max(10.0, 1.5 * min(by_value, default=0.0))  # of the last row, the safety
-    panels[-1].set_ylim(0.0, min(highest, max(2.0, panels[-1].get_ylim()[1])))
+    panels[-1].set_ylim(0.0, 1.02 * max([1.0, *by_value]))  # of the mobilised friction
     return panels
 
 

@@ -123,20 +123,11 @@ class Scene:
         if levels and lines.n_cells:
             self.layers.append((lines, _CONTOUR | style))
 
-    def edges(
-        self,
-        points: ArrayLike,
-        faces: Faces,
-        *,
-        sharper_than_deg: float | None = 30.0,
-        radius: float | None = None,
-        **style: Any,
-    ) -> None:
+    def edges(self, points: ArrayLike, faces: Faces, **style: Any) -> None:
         """Add the outline of polygons; points within 1e-6 of the total size are merged.
 
-        The outline consists of edges with one polygon and of edges sharper than
-        ``sharper_than_deg``, unless this is None. The orientation of the polygons does not matter.
-        With a ``radius`` [m], tubes are drawn instead of lines.
+        The outline consists of edges with one polygon and of edges sharper than 30 degrees. The
+        orientation of the polygons does not matter.
         """
         if not len(faces):
             return
@@ -144,17 +135,9 @@ class Scene:
             polygons(points, faces)
             .clean(tolerance=1e-6, absolute=False)
             .compute_normals(point_normals=False, consistent_normals=True)
-            .extract_feature_edges(
-                feature_angle=180.0 if sharper_than_deg is None else sharper_than_deg,
-                boundary_edges=True,
-                feature_edges=sharper_than_deg is not None,
-                manifold_edges=False,
-                non_manifold_edges=False,
-            )
+            .extract_feature_edges(30.0, manifold_edges=False, non_manifold_edges=False)
         )
         if lines.n_cells:
-            if radius is not None:
-                lines = lines.strip().tube(radius=radius)
             self.layers.append((lines, {"lighting": False} | style))
             self._framed.append(lines.points)
 
@@ -323,15 +306,15 @@ def _triad(ax: Axes, camera: Camera, extent: tuple[float, float, float, float]) 
     ax.set_ylim(min(bottom, float((start + ends.min(axis=0))[1]) - 0.4 * length), top)
 
 
-def write_names(ax: Axes, places: Mapping[str, Floats], colour: str) -> None:
-    """Write each name above its place in the picture, with a white outline and without overlaps."""
+def write_names(ax: Axes, places: Mapping[str, Floats], colours: Mapping[str, str]) -> None:
+    """Write each name in its colour above its place, with a white outline and without overlaps."""
     from matplotlib.patheffects import withStroke
 
-    style: dict[str, Any] = {"fontsize": "small", "ha": "center", "va": "bottom", "color": colour}
+    style: dict[str, Any] = {"fontsize": "small", "ha": "center", "va": "bottom"}
     style["path_effects"] = [withStroke(linewidth=2.0, foreground="white")]
     written: list[Any] = []
     for name, place in places.items():
-        x, y = _pair(place)
+        (x, y), style["color"] = _pair(place), colours[name]
         note = ax.annotate(name, (x, y), xytext=(0, 3), textcoords="offset points", **style)
         while any(note.get_window_extent().overlaps(other) for other in written):
             note.xyann = (0, note.xyann[1] + 4)

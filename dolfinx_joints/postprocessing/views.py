@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import annotated_types as at
 import numpy as np
 
-from dolfinx_joints.common.arrays import Floats, Ints
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.postprocessing.body import (
     MESH,
@@ -28,11 +28,16 @@ from dolfinx_joints.postprocessing.body import (
     Body,
     Deformed,
     data_limits,
+    face_areas,
     short_names,
-    size_of,
     top,
 )
-from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE, EnvelopeName
+from dolfinx_joints.postprocessing.envelopes import (
+    DYNAMIC_TENSILE,
+    PLANE_STRESS,
+    EnvelopeName,
+    principal_directions,
+)
 from dolfinx_joints.postprocessing.frames import nodal_displacement
 from dolfinx_joints.postprocessing.joints.surface import (
     MAP_LABELS,
@@ -45,6 +50,7 @@ from dolfinx_joints.postprocessing.joints.surface import (
     state_of_map,
 )
 from dolfinx_joints.postprocessing.palette import (
+    BLUE,
     CONCRETE,
     OPEN,
     RED,
@@ -59,6 +65,7 @@ from dolfinx_joints.postprocessing.rendering import (
     contour_levels,
     draw,
     legend,
+    round_down,
     round_scale,
     write_names,
 )
@@ -67,12 +74,15 @@ from dolfinx_joints.results.joint_points import gaps, tied_points
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Azimuths = Annotated[Sequence[float], at.Len(1, 8), at.Unit("degrees")]  # one per picture
 Elevation = Annotated[float, at.Interval(ge=-90.0, le=90.0), at.Unit("degrees")]
 
 _LINE = "#4d4d4d"
+_CROSSES = 600  # largest number of crosses, approximately
+_USUAL = 0.95  # share of the stresses whose lines are shorter than the mean distance of crosses
 _UPRIGHT = 0.7  # a joint is upright if the vertical component of its second axis exceeds this
 UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the viewpoint
 
@@ -85,32 +95,19 @@ def mesh(
     azimuths_deg: Azimuths = (UPSTREAM, DOWNSTREAM),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
-    """Draw the finite-element mesh with outlines and names of the joints.
+    """Draw the finite-element mesh with joints as lines, and their names.
 
     The common beginning of the joint names is omitted. Cell ``groups`` such as ``["dam"]`` are
     opaque and fill the picture; others are translucent.
     """
     body = Body(results, groups)
-    nodes, cameras = body.nodes, body.cameras(azimuths_deg, elevation_deg)
-    scene = Scene()
-    shade: dict[str, Any] = {"color": CONCRETE, "ambient": 0.45, "diffuse": 0.6}
-    shade |= {"edge_visibility": True, "edge_color": _LINE}
-    scene.surface(nodes, body.shown, **shade)
-    body.draw_translucent(scene, nodes)
-    radius = 2.5e-3 * size_of(nodes[body.seen])
-    for joint in () if body.plane else results.joints:
-        corners = _separate(JointSurface(results, joint).corners)
-        scene.edges(*corners, sharper_than_deg=None, radius=radius, color=RED)
-    if body.plane:
-        scene.edges(nodes, body.shown, **OUTLINE)
-        body.draw_joints(scene, nodes)
-    figure, axes = draw(scene, cameras)
-    for ax, camera in zip(axes, cameras, strict=True):
-        write_names(ax, body.tops(nodes, camera), RED)
-    facets = sum(map(len, (body.shown, body.translucent, () if body.plane else body.joints)))
-    count = f"{facets} {'cells' if body.plane else 'facets on the boundary'}, {len(nodes)} nodes"
-    if "cells" in results.metadata:
-        count = f"{results.metadata['cells']} cells, {len(nodes)} nodes"
+    style: dict[str, Any] = {"ambient": 0.45, "diffuse": 0.6}
+    style |= {"edge_visibility": True, "edge_color": _LINE}
+    figure, _ = _sketch(body, azimuths_deg, elevation_deg, **style)
+    count = f"{len(body.nodes)} nodes"
+    if "cells" in results.metadata or "mesh/cells" in results.statics:
+        cells = results.metadata.get("cells") or len(results.static("mesh/cells"))
+        count = f"{cells} cells, {count}"
     title = f"finite-element mesh: {count}, {len(results.joints)} joints"
     figure.suptitle(title, fontsize="medium")
     return figure
@@ -130,7 +127,7 @@ def deformed(
     azimuths_deg: Azimuths = (DOWNSTREAM,),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
-    """Draw the deformed body, coloured by the magnitude of the displacement, with red joints.
+    """Draw the deformed body, coloured by the magnitude of the displacement, with its joints.
 
     Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``, by
     default a round number that draws the largest at about 6 % of the model's size.
@@ -176,9 +173,9 @@ def joint_map(
     From any viewpoint most joints of a dam are seen nearly edge-on. Therefore each upright joint is
     rotated about the vertical through its middle until it faces the viewer, upstream edge to the
     left; ``turned=False`` disables this. In maps of tractions and states, open points are black.
-    Tied points, at the end of a joint inside a body, are grey in every map. The ratio is
-    -|t_s|/|t_n|, the slip is the tangential gap. Quantities ``largest_...`` are the largest values
-    of each point over all steps. `plots.joint_maps` draws one panel per joint.
+    Tied points, at the end of a joint inside a body, are grey in every map. The mobilised friction
+    is 1 at sliding points, the slip is the tangential gap. Quantities ``largest_...`` are the
+    largest values of each point over all steps. `plots.joint_maps` draws one panel per joint.
     """
     camera = Camera(azimuth_deg, elevation_deg)
     results, number, moment = state_of_map(results, quantity, time, index, stage)
@@ -198,7 +195,9 @@ def joint_map(
     scene.edges(body.nodes, body.shown, **OUTLINE)
     for name, of_points in values.items():
         joint_surface = JointSurface(results, name)
-        points, faces = _separate(joint_surface.patches_in_space())
+        patches = joint_surface.patches_in_space()
+        points, ends = np.concatenate(patches), np.cumsum([len(patch) for patch in patches])
+        faces = np.split(np.arange(len(points)), ends[:-1])
         if turned and joint_surface.axes[1, 2] >= _UPRIGHT:
             points = _face_viewer(points, joint_surface.axes, camera)
             note = "\neach upright joint rotated in its place to show its face"
@@ -213,7 +212,8 @@ def joint_map(
         tops[name] = top(points, camera)
     figure, axes = draw(scene, [camera])
     labels = short_names(joints)
-    write_names(axes[0], {labels[name]: top for name, top in tops.items()}, "black")
+    black = dict.fromkeys(labels.values(), "black")
+    write_names(axes[0], {labels[name]: top for name, top in tops.items()}, black)
     if quantity == "state":
         legend(axes[0], STATES | some_tied)
     else:
@@ -274,6 +274,64 @@ def envelope(
     return figure
 
 
+@checked
+def principal_stresses(
+    results: Results,
+    *,
+    time: float | None = None,
+    index: int = -1,
+    stage: int | str | None = None,
+    groups: Collection[str] | None = None,
+) -> Figure:
+    """Draw the in-plane principal stresses of a plane body as crosses.
+
+    The lines of a cross have the principal directions and lengths proportional to the stresses:
+    red in tension, blue in compression. Crosses are at vertices, in fine meshes at about 600 of
+    them. The run must have ``envelopes=True``. Cell ``groups`` such as ``["dam"]`` fill the
+    picture.
+    """
+    from matplotlib.collections import LineCollection
+
+    results, number, moment = chosen_state(results, time, index, stage)
+    body = Body(results, groups)
+    if not body.plane:
+        raise ValueError(f"{results.path} is a 3-D run; principal directions are drawn in 2-D.")
+    recorded = results.static("envelopes/nodes")
+    seen = np.isin(recorded, body.seen)
+    stresses, first = principal_directions(results.series("states", PLANE_STRESS, number)[seen])
+    low, high = data_limits(1e-6 * stresses)
+    body.paint_joints("black")
+    body.legend |= {"tension": RED, "compression": BLUE}
+    figure, axes = _sketch(body, (), 0.0, lighting=False)
+    places, area = body.nodes[recorded[seen], :2], face_areas(body.nodes, body.shown).sum()
+    _, drawn = np.unique(np.floor(places / np.sqrt(area / _CROSSES)), axis=0, return_index=True)
+    usual = 1e-6 * float(np.quantile(np.abs(stresses[:, drawn]), _USUAL)) or 1.0
+    metres = round_down(np.sqrt(area / len(drawn)) / usual)  # per MPa
+    for row, direction in enumerate((first, first[:, ::-1] * [-1.0, 1.0])):
+        stress = stresses[row, drawn]
+        half = 0.5e-6 * metres * stress[:, None] * direction[drawn]
+        lines = np.stack([places[drawn] - half, places[drawn] + half], axis=1)
+        colours = np.where(stress > 0.0, RED, BLUE).tolist()
+        axes[0].add_collection(LineCollection(list(lines), colors=colours, linewidths=0.9))
+    title = f"principal stresses {moment}: {low:.2f} to {high:.2f} MPa"
+    figure.suptitle(f"{title}\nlength of lines: {metres:g} m per MPa", fontsize="medium")
+    return figure
+
+
+def _sketch(
+    body: Body, azimuths_deg: Sequence[float], elevation_deg: float, **style: Any
+) -> tuple[Figure, list[Axes]]:
+    """Draw a body without values, and explain its joints."""
+    nodes, cameras, scene = body.nodes, body.cameras(azimuths_deg, elevation_deg), Scene()
+    scene.surface(nodes, body.shown, color=CONCRETE, **style)
+    body.draw_translucent(scene, nodes)
+    scene.edges(nodes, body.shown, **OUTLINE)
+    body.draw_joints(scene, nodes)
+    figure, axes = draw(scene, cameras)
+    body.explain_joints(axes, cameras, nodes)
+    return figure, axes
+
+
 def _face_viewer(points: Floats, axes: Floats, camera: Camera) -> Floats:
     """Return points of a joint, rotated about the vertical until the joint faces the viewer."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
@@ -281,14 +339,6 @@ def _face_viewer(points: Floats, axes: Floats, camera: Camera) -> Floats:
     cosine, sine = old @ new, old[0] * new[1] - old[1] * new[0]
     rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     return (points - middle) @ rotation.T + middle
-
-
-def _separate(polygons: Sequence[Floats] | Floats) -> tuple[Floats, list[Ints]]:
-    """Return the points of all polygons in turn, and the point numbers of each polygon."""
-    lengths = [len(polygon) for polygon in polygons]
-    return np.concatenate(list(polygons)), np.split(
-        np.arange(sum(lengths)), np.cumsum(lengths)[:-1]
-    )
 
 
 def _opening_line(results: Results, number: int) -> str:

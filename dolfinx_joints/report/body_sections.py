@@ -8,9 +8,10 @@ from typing import Any, cast
 
 import numpy as np
 
-from dolfinx_joints.common.arrays import Floats, Ints
+from dolfinx_joints.common.arrays import Flags, Floats, Ints
 from dolfinx_joints.postprocessing import measures, views
-from dolfinx_joints.postprocessing.envelopes import EnvelopeName
+from dolfinx_joints.postprocessing.body import Body
+from dolfinx_joints.postprocessing.envelopes import PLANE_STRESS, EnvelopeName
 from dolfinx_joints.postprocessing.frames import common_frame, nodal_displacement
 from dolfinx_joints.postprocessing.joints.surface import facets_of_joint
 from dolfinx_joints.postprocessing.palette import colours
@@ -26,7 +27,7 @@ from dolfinx_joints.report.page import (
     table,
     text,
 )
-from dolfinx_joints.report.runs import Content, Run, nothing
+from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing
 from dolfinx_joints.results.joint_points import gaps
 from dolfinx_joints.results.reader import Results
 
@@ -65,9 +66,11 @@ def space(content: Content) -> Section | None:
         f"{len(s['frames'])} of the {s['records']} recorded states of {s['label']}" for s in scenes
     )
     frames = common_frame({run.label: nodal_displacement(run.results, 0)[1] for run in runs})
+    factors = common_frame({s["label"]: f"× {s['scale']:g}" for s in scenes})
+    groups = {run.label: ", ".join(run.groups or ["the whole body"]) for run in runs}
     caption = (
-        f"Boundary of the body with displacements enlarged by the factor above. Colours show the "
-        f"displacement {frames}. The view has {recorded}: at most "
+        f"Boundary of {common_frame(groups)} from downstream, with displacements {factors} unless "
+        f"changed above. Colours show the displacement {frames}. The view has {recorded}: at most "
         f"{MOMENTS} evenly spaced states, and the states with the largest displacement and opening."
         " It starts at the largest displacement. If the joints are shown through the body, "
         "colours show their opening."
@@ -84,8 +87,10 @@ def stresses(content: Content) -> Section:
     """Return the section on extreme stresses at the boundary, with pictures of the main run."""
     title = "Stresses"
     runs = [run for run in content.runs if run.has("envelopes")]
+    crosses = _crosses(content, content.main)
     if not runs:
-        return nothing("stresses", title, "stress envelopes")
+        empty = nothing("stresses", title, "stress envelopes")
+        return Section("stresses", title, crosses) if crosses else empty
     extremes = [measures.stress_extremes(run.results) for run in runs]
     rows = [[name.replace("_", ", "), *(1e-6 * e[name] for e in extremes)] for name in extremes[0]]
     head = ["[MPa]", *(run.label for run in runs)]
@@ -99,7 +104,24 @@ def stresses(content: Content) -> Section:
         if shown[2:]:
             title_of_others = "Vertical stresses" if run.plane else "Arch and cantilever stresses"
             pieces.append(details(title_of_others, shown[2:]))
-    return Section("stresses", title, pieces)
+    return Section("stresses", title, pieces + crosses)
+
+
+def _crosses(content: Content, run: Run) -> list[Html]:
+    """Return pictures of the principal directions of a plane run in statics and dynamics."""
+    states: list[tuple[str, dict[str, Any]]] = []
+    if run.has("statics", PLANE_STRESS):
+        states.append(("after the last static stage", {"stage": -1}))
+    if run.has("states", PLANE_STRESS):
+        time, moment = largest_moment(run)
+        states.append((f"at {moment}", {"time": time}))
+    pictures = []
+    for words, state in states if run.drawable else []:
+        drawn = views.principal_stresses(run.results, groups=run.groups, **state)
+        path = content.save(f"principal_{'_'.join(state)}", drawn)
+        caption = f"Principal stresses in the plane {words}, {run.label}."
+        pictures.append(figure([content.drawings.picture(path, caption)], caption))
+    return pictures
 
 
 def _envelope(content: Content, run: Run, name: str) -> Html:
@@ -124,22 +146,25 @@ def mesh(content: Content) -> Section:
 
 
 def scene(run: Run) -> dict[str, Any]:
-    """Return data of one run for the page's script: the boundary and chosen states.
+    """Return data of one run for the page's script: the boundary of its groups, chosen states.
 
     The states are at most ``MOMENTS`` evenly spaced states, and the states with the largest
     displacement and opening.
     """
     results = run.results
-    used, surface = np.unique(results.static("mesh/surface"), return_inverse=True)
-    surface = surface.reshape(results.static("mesh/surface").shape)
+    surface = results.static("mesh/surface")
+    shown: Flags = np.asarray(np.isin(surface, Body(results, run.groups).seen).all(axis=1))
+    used = np.unique(surface[shown])
+    surface = np.where(shown[:, None], np.searchsorted(used, surface), -1)
     nodes = results.static("mesh/nodes")[used]
     sizes, openings = _sizes(results, used), _openings(results)
     largest = openings.max(axis=1, initial=0.0)
     start, widest = int(np.argmax(sizes)), int(np.argmax(largest))
     rows = len(sizes)
     moments = np.unique([*np.linspace(0, rows - 1, min(rows, MOMENTS)).astype(int), start, widest])
-    body, _ = _triangles(surface, np.arange(len(surface)))
     faces, cells = _joint_faces(results, surface)
+    surface = surface[shown]
+    body, _ = _triangles(surface, np.arange(len(surface)))
     return {
         "label": run.label,
         "nodes": floats(nodes),
@@ -200,10 +225,14 @@ def _openings(results: Results) -> Floats:
 
 
 def _joint_faces(results: Results, surface: Ints) -> tuple[dict[str, dict[str, str]], Ints]:
-    """Return triangles of the joint faces, and the number of each triangle's joint facet."""
+    """Return triangles of the joint faces, and the number of each triangle's joint facet.
+
+    Facets of ``surface`` that are not shown have the vertices -1.
+    """
     sides = [facets_of_joint(results, joint)[1].ravel() for joint in results.joints]
     chosen = np.concatenate([np.zeros(0, dtype=np.int64), *sides])
-    return _triangles(surface[chosen], np.repeat(np.arange(len(chosen) // 2), 2))
+    shown = surface[chosen, 0] >= 0
+    return _triangles(surface[chosen[shown]], np.repeat(np.arange(len(chosen) // 2), 2)[shown])
 
 
 def _triangles(facets: Ints, cells: Ints) -> tuple[dict[str, dict[str, str]], Ints]:

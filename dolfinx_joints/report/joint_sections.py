@@ -33,7 +33,6 @@ _OF_STAGE: tuple[tuple[str, Any, str], ...] = (
     ("tangential", "tangential", "Tangential traction"),
     ("state", "state", "State of the points"),
 )
-_SAFEST = 5.0  # end of the safety axis, unless the smallest safety is close to it or above
 
 
 def joints(content: Content) -> Section:
@@ -82,7 +81,7 @@ def _area(run: Run) -> Html:
 
 
 def _histories(content: Content, run: Run) -> Html:
-    """Return a plot of each joint's histories, with the safety in the last panel."""
+    """Return a plot of each joint's histories, with the mobilised friction in the last panel."""
     extremes = {joint: joint_extremes(run.results, joint) for joint in run.results.joints}
     rows = drawn_series(extremes.values())
     curves: list[list[Curve]] = [[] for _ in rows]
@@ -92,12 +91,10 @@ def _histories(content: Content, run: Run) -> Html:
             panel.append((joint, joint_values.time, np.where(np.isinf(values), np.nan, values)))
     titles = [row.heading.replace(" [", f"{since(run.results, row.key)} [") for row in rows]
     spec = panels(curves, titles, "time [s]", shown=len(run.results.joints))
-    least = min((np.nanmin(v) for _, _, v in curves[-1] if np.isfinite(v).any()), default=0.0)
-    safest = max(_SAFEST, float(np.ceil(1.5 * least)))
-    spec["layout"][f"yaxis{len(rows)}"]["range"] = [0.0, safest]
+    spec["layout"][f"yaxis{len(rows)}"]["rangemode"] = "tozero"
     caption = (
         f"{', '.join(row.label for row in rows).capitalize()} of each joint of {run.label} against "
-        f"time; the safety axis ends at {safest:g}."
+        "time. The mobilised friction is 1 / sliding safety: a joint slides at 1."
     )
     return content.drawings.plot("joint-histories", spec, caption)
 
@@ -123,6 +120,8 @@ def _maps(content: Content, run: Run) -> list[Html]:
     ]
     if "status" not in {n.split("/")[-1] for n in run.results.streams["states"]}:
         drawn.pop()
+    if all(run.results.law(joint).get("friction_angle_deg") for joint in run.results.joints):
+        drawn.append(("mobilised", "mobilised", time, f"Mobilised friction at {moment}"))
     for name, quantity, at, words in drawn:
         picture = maps.draw(quantity, at)
         words += f", {run.label}"

@@ -137,7 +137,7 @@ class Scene {
       margin: { l: 0, r: 0, t: 0, b: 70 }, uirevision: "kept", paper_bgcolor: "#fff",
       scene: {
         xaxis: axis("x [m], downstream"), yaxis: axis("y [m], left bank"), zaxis: axis("z [m]"), aspectmode: "data",
-        camera: { eye: { x: 1.7 * far, y: -0.9 * far, z: 0.8 * far }, center },
+        camera: { eye: { x: 1.9 * far, y: -1.0 * far, z: 0.9 * far }, center },
       },
     };
     return Plotly.newPlot(this.plot, this.traces(), layout, CONFIG);

@@ -115,6 +115,7 @@ _STATES = (
     Q("joints/*/status", "-", text=_STATUS, dtype=np.int8),
     Q("joints/*/pressure", "Pa", text="water pressure, positive if it opens the joint"),
     Q("joints/*/broken", "-", text="1 where the bond is broken", dtype=np.int8),
+    Q("stress/plane", "Pa", text="in-plane stress (xx, yy, xy) at envelopes/nodes", rare=True),
 )
 TABLE: dict[str, tuple[Quantity, ...]] = {
     "histories": (
@@ -187,6 +188,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("*/shear_sum", "N", text="integral of the shear", by="integral", of=lambda p: p.shear),
         Q("*/bond", "N", text=_BOND, rare=True, by="integral", of=lambda p: p.cohesion),
         Q("*/safety", "-", "sliding safety"),  # from the integrals, by `joint_extremes`
+        Q("*/mobilised", "-", "mobilised friction"),  # 1 / safety
     ),
     "resultants": (
         Q("joints/*/force", "N", "effective force", text="effective force on the + side of {}"),

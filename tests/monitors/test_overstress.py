@@ -189,6 +189,33 @@ def test_a_crest_at_the_lowest_node_has_no_drift(comm, new_path):
     on_root(comm, look)
 
 
+def test_area_is_that_of_the_recorded_faces(comm, new_path):
+    # A wall one cell thick: crest, base and ends have stresses at all vertices, but only the two
+    # faces of 2 m x 5 m are recorded. Of each, the lower 2.25 m are overstressed, as in the plate.
+    path = new_path("wall.h5")
+    faces = {"upstream": (0, 0.0), "downstream": (0, 1.0)}
+    outer = {"outer": lambda x: np.any((x < 1e-9) | (x > [[1 - 1e-9], [2 - 1e-9], [5 - 1e-9]]), 0)}
+    cells = {"lower": (0.0, 2.0), "upper": (2.0, 5.0)}
+    mesh = box((1.0, 2.0, 5.0), (1, 2, ROWS), groups=outer | faces, cells=cells)
+    heat = dj.Temperature(value=CHANGE, reference=0.0, expansion=EXPANSION, factor=cooling)
+    supports = [dj.Fixed(group="outer")]
+    model = dj.Model(mesh, material=CONCRETE, supports=supports, loads=[heat])
+    strength = {"lower": STRENGTH, "upper": replace(STRENGTH, tensile=4 * STRENGTH.tensile)}
+    monitor = dj.ResultsMonitor(
+        path, points={"top": (0.0, 0.0, 5.0)}, envelopes=list(faces), strength=strength
+    )
+    dj.Simulation(model, monitors=[monitor]).dynamics(dt=PERIOD / 4, steps=1)
+
+    def look():
+        with dj.Results(path) as results:
+            rows = {row.criterion: row for row in dj.checks(results, "arch")}
+            area = rows["overstressed share of the area"]
+            assert area.where == "of 20 m²"
+            assert area.value == pytest.approx((LOWER + 0.5) / ROWS)
+
+    on_root(comm, look)
+
+
 def test_jump_over_a_level_counts_its_share():
     # From 0 to 2 times the strength in 1 s and back in 3 s: above 1.5 times for 0.25 + 0.75 s.
     # The second point has no strength.

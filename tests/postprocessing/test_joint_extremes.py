@@ -16,6 +16,7 @@ from dolfinx_joints.export.csv_files import write_csv
 from dolfinx_joints.export.tables import tables_of
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants, resultant_measures
+from dolfinx_joints.postprocessing.joints.surface import map_value
 from dolfinx_joints.results.layout import declare
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
@@ -102,6 +103,11 @@ def test_plane_joint(tmp_path):
         assert found.plane_safety[0] == pytest.approx(expected, rel=1e-12)
         assert not found.geometry.warning
         assert measures.joint_measures(results)["base"]["share_broken"] == pytest.approx(1 / 3)
+        # By hand: 0.5 / (4 mu), 1 / (mu + c) and no shear; of the joint 1 / safety.
+        used = [0.5e6 / (4e6 * MU), 1e6 / (1e6 * MU + COHESION), 0.0]
+        np.testing.assert_allclose(map_value(results, "base", "mobilised", 0), used, rtol=1e-12)
+        history = measures.joint_extremes(results, "base").mobilised
+        assert history == pytest.approx([1.0 / expected], rel=1e-12)
     path = write_joint(tmp_path / "s.h5", level[:2], [[-1e6, 5e5, 0.0], [-1e6, -5e5, 0.0]])
     with Results(path) as results:
         found = joint_resultants(results, "base")
@@ -113,8 +119,8 @@ def test_a_joint_that_is_safe_throughout_is_in_the_picture(tmp_path):
     path = write_joint(tmp_path / "r.h5", np.array([[0.0, 0.0, 1.0]]), [[-1e6, 1e6 * MU / 24.3, 0]])
     with Results(path) as results:
         ax = plots.joint_histories(results)[-1]
-    assert ax.lines[1].get_ydata() == pytest.approx([24.3])
-    assert 24.3 < ax.get_ylim()[1] < 50.0
+    assert ax.lines[1].get_ydata() == pytest.approx([1 / 24.3])
+    assert ax.get_ylim() == pytest.approx((0.0, 1.02))
 
 
 def test_an_older_file_may_hold_fewer_series(tmp_path):

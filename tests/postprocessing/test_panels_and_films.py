@@ -13,8 +13,9 @@ from written_runs import JOINT, NODES, SURFACE, write_run
 
 from dolfinx_joints import animate, plots, views
 from dolfinx_joints.common.errors import JointsError, ResultsError
-from dolfinx_joints.postprocessing.body import jointed_groups
+from dolfinx_joints.postprocessing.body import Body, jointed_groups
 from dolfinx_joints.postprocessing.measures import joint_extremes
+from dolfinx_joints.postprocessing.palette import PERIMETRAL, RED
 from dolfinx_joints.results.layout import Cells
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
@@ -78,6 +79,29 @@ def test_chosen_cell_groups_fill_the_picture(tmp_path):
             views.deformed(results, groups=["two"])
     # 4 m and 2 m of body, and a margin of 2 % of the larger side on both sides.
     np.testing.assert_allclose(widths, [4.0 * 1.04, 2.0 * 1.04], rtol=1e-6)
+
+
+def test_a_joint_to_another_group_is_perimetral(tmp_path):
+    """The face of the drawn cube at the joint is concrete with four purple edges, not red."""
+    pytest.importorskip("pyvista")
+    hexahedra = [[0, 1, 3, 2, 4, 5, 7, 6], [8, 9, 11, 10, 12, 13, 15, 14]]
+    cells = Cells(12, hexahedra, {"one": [0], "two": [1]})
+    path = tmp_path / "r.h5"
+    write_states(path, NODES, SURFACE, {"joint_1": JOINT}, (0.0, {}), cells=cells)
+    with Results(path) as results:
+        body = Body(results, ["one"])
+        assert (len(body.free), len(body.shown), len(body.translucent)) == (5, 6, 5)
+        ((edges, colour),) = body._layers
+        assert colour == PERIMETRAL
+        around = np.stack([body.shown[5], np.roll(body.shown[5], 1)], axis=1)
+        np.testing.assert_array_equal(edges, np.unique(np.sort(around, axis=1), axis=0))
+        for azimuth in (0.0, 90.0, 180.0, 270.0):
+            figure = views.deformed(results, groups=["one"], azimuths_deg=[azimuth])
+            image = np.asarray(figure.axes[0].get_images()[0].get_array(), dtype=float)
+            assert not (np.abs(image - [178, 24, 43]).max(axis=2) < 30.0).any()
+        texts = figure.axes[0].get_legend().get_texts()
+        assert [text.get_text() for text in texts] == ["perimetral joints"]
+        assert Body(results).legend == {"joints": RED}
 
 
 def test_a_report_shows_the_groups_that_joints_cut(tmp_path):

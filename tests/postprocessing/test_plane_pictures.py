@@ -84,7 +84,7 @@ def test_deformed_cells_and_both_sides_of_the_joint(results, scenes):
     np.testing.assert_allclose(layers[0][0].points, positions)
     size = layers[0][0].point_data["value"]
     np.testing.assert_allclose(size, 1e3 * np.linalg.norm(moved, axis=1))
-    lines = [data for data, style in layers if data.n_lines and style.get("line_width") == 4.0]
+    lines = [data for data, style in layers if data.n_lines and style.get("line_width") == 5.0]
     assert lines[0].n_lines == 2 * COLUMNS
     assert "displacements x 50" in figure.get_suptitle()
     words = " ".join(figure.axes[-1].get_ylabel().split())

@@ -23,9 +23,13 @@ from matplotlib.text import Text
 OPEN = POINTS[:, 2] > 1.0  # in the last state
 
 
+LAW = {"friction_angle_deg": 30.0, "cohesion": 0.0}
+
+
 @pytest.fixture(scope="module")
 def run_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_run(tmp_path_factory.mktemp("plots") / "run.h5")
+    path = tmp_path_factory.mktemp("plots") / "run.h5"
+    return write_run(path, facts={"laws": {"joint_1": LAW}})
 
 
 @pytest.fixture
@@ -81,7 +85,7 @@ def test_runs_are_called_by_what_they_are(results: Results, tmp_path: Path) -> N
     assert labels(results, same) == ["run, reference", "run"]
 
 
-@pytest.mark.parametrize("quantity", ["normal", "tangential", "ratio"])
+@pytest.mark.parametrize("quantity", ["normal", "tangential", "mobilised"])
 def test_traction_maps_are_black_where_open(results: Results, quantity: plots.Quantity) -> None:
     ax = plots.joint_traction(results, "joint_1", quantity, time=1.1)
     patches = ax.collections[0]
@@ -92,7 +96,7 @@ def test_traction_maps_are_black_where_open(results: Results, quantity: plots.Qu
     assert ax.get_legend().get_texts()[0].get_text() == "open, 50% of the area"
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("horizontal distance [m]", "elevation [m]")
     colour_bar = ax.figure.axes[-1].get_ylabel()
-    assert ("[-]" if quantity == "ratio" else "[MPa]") in colour_bar
+    assert ("[-]" if quantity == "mobilised" else "[MPa]") in colour_bar
     assert ("tension" in colour_bar) == (quantity == "normal")
 
 
@@ -109,9 +113,16 @@ def test_patches_tile_the_joint(results: Results) -> None:
 
 
 def test_a_joint_that_was_never_loaded_is_drawn(tmp_path: Path) -> None:
-    path = write_states(tmp_path / "r.h5", NODES, SURFACE, {"joint_1": JOINT}, (0.0, {}))
-    ax = plots.joint_traction(Results(path), "joint_1", "ratio")
+    path, of = tmp_path / "r.h5", (NODES, SURFACE, {"joint_1": JOINT})
+    write_states(path, *of, (0.0, {}), laws={"joint_1": LAW})
+    ax = plots.joint_traction(Results(path), "joint_1", "mobilised")
     assert ax.get_legend().get_texts()[0].get_text() == "open, 0% of the area"  # a closed gap of 0
+
+
+def test_mobilised_friction_needs_a_friction_angle(tmp_path: Path) -> None:
+    path = write_states(tmp_path / "r.h5", NODES, SURFACE, {"joint_1": JOINT}, (0.0, {}))
+    with pytest.raises(ResultsError, match="no friction angle of the joint 'joint_1'"):
+        plots.joint_maps(Results(path), "mobilised")
 
 
 def test_energies_have_a_unit_that_fits(results: Results) -> None:

@@ -119,7 +119,7 @@ def test_energies_and_states(runs: tuple[Results, Results]) -> None:
         same(share, own.series("histories", name))
 
 
-EXTREMES = ("opening", "slip", "pressure", "mean_pressure", "safety")
+EXTREMES = ("opening", "slip", "pressure", "mean_pressure", "mobilised")
 
 
 def test_histories_of_joints(runs: tuple[Results, Results]) -> None:
@@ -133,7 +133,7 @@ def test_histories_of_joints(runs: tuple[Results, Results]) -> None:
         drawn = [line for line in ax.get_lines() if len(line.get_xdata()) == len(time)]
         values = [si(ax.get_ylabel(), line.get_ydata()) for line in drawn]
         each = {joint: getattr(found, what) for joint, found in extremes.items()}
-        worst = (min if what == "safety" else max)(each, key=lambda j: _extreme(each[j], what))
+        worst = max(each, key=lambda joint: np.max(each[joint]))
         for line, found, joint in zip(drawn, values, [*own.joints, worst], strict=True):
             same(line.get_xdata(), time)
             same(found, each[joint])
@@ -143,15 +143,10 @@ def test_histories_of_joints(runs: tuple[Results, Results]) -> None:
         ).groups()
         factor = {" mm": 1e-3, " MPa": 1e6}.get(unit, 1.0)
         assert name == worst
-        assert factor * float(value) == pytest.approx(_extreme(each[worst], what), rel=5e-3)
-        at = np.argmin(each[worst]) if what == "safety" else np.argmax(each[worst])
-        assert float(when) == pytest.approx(time[at], rel=1e-5)
+        assert factor * float(value) == pytest.approx(np.max(each[worst]), rel=5e-3)
+        assert float(when) == pytest.approx(time[np.argmax(each[worst])], rel=1e-5)
     gap = own.series("states", "joints/joint_2/gap")
     same(extremes["joint_2"].opening, np.maximum(gap[..., 0], 0.0).max(axis=1))
-
-
-def _extreme(values: np.ndarray, what: str) -> float:
-    return float(np.min(values) if what == "safety" else np.max(values))
 
 
 def of_map(run: Results, joint: str, quantity: str, record: int) -> np.ndarray:
@@ -161,9 +156,9 @@ def of_map(run: Results, joint: str, quantity: str, record: int) -> np.ndarray:
         for name in ("gap", "traction", "status")
     )
     shear = np.linalg.norm(traction[:, 1:], axis=1)
-    if quantity == "ratio":
-        with np.errstate(invalid="ignore"):
-            return -shear / np.abs(traction[:, 0])
+    if quantity == "mobilised":
+        pressure = np.where(traction[:, 0] < 0.0, -traction[:, 0], np.nan)
+        return shear / (np.tan(np.radians(35.0)) * pressure)
     value = {
         "opening": np.maximum(gap[:, 0], 0.0),
         "slip": np.linalg.norm(gap[:, 1:], axis=1),
@@ -188,7 +183,7 @@ def test_maps_of_joints(runs: tuple[Results, Results], quantity: MapQuantity) ->
             assert ax.get_title(loc="left") == joint
             shown = np.ma.filled(ax.collections[0].get_array(), np.nan)
             same(si(unit, shown), of_map(own, joint, quantity, record))
-            if quantity in ("normal", "tangential", "ratio"):
+            if quantity in ("normal", "tangential", "mobilised"):
                 alone = plots.joint_traction(own, joint, quantity, index=record)
                 assert alone.get_title() == f"{joint} at t = {time:.3f} s"
                 shown = np.ma.filled(alone.collections[0].get_array(), np.nan)
@@ -333,6 +328,8 @@ def test_tables(runs: tuple[Results, Results], tmp_path: Path) -> None:
     means = np.concatenate([one.mean_pressure for one in each])
     wanted["joint_extremes"]["mean pressure"] = means
     wanted["joint_extremes"]["sliding safety"] = np.concatenate([one.safety for one in each])
+    used = np.concatenate([one.mobilised for one in each])
+    wanted["joint_extremes"]["mobilised friction"] = used
     forces = [joint_resultants(own, joint) for joint in own.joints]
     for name, attribute in {
         "effective force": "force",

@@ -48,6 +48,9 @@ def joint_arrays() -> dict[str, np.ndarray]:
     }
 
 
+LAW = {"friction_angle_deg": np.degrees(np.arctan(0.5)), "cohesion": 0.0}
+
+
 def write_run(path: Path) -> Path:
     """Two states: at rest, and opened by 4 mm, the topmost facet of the joint without traction.
 
@@ -57,7 +60,7 @@ def write_run(path: Path) -> Path:
     nodes = np.concatenate([left[0], right[0]])
     surface = np.concatenate([left[1], right[1] + len(left[0])])
     side = np.repeat([-1.0, 1.0], len(left[0]))
-    with ResultsWriter(path, {"cells": 8}) as writer:
+    with ResultsWriter(path, {"cells": 8, "laws": {"joint_1": LAW}}) as writer:
         declare_states(writer, nodes, surface, {"joint_1": joint_arrays()})
         status = "joints/joint_1/status"
         writer.series("states", status, (ROWS,), "-", "0 open, 1 sticking, 2 sliding")
@@ -231,8 +234,11 @@ def test_deformed_opens_the_joint(results: Results, scenes) -> None:
     title = figure.get_suptitle()
     assert title.startswith("deformed shape at t = 1.000 s, displacements x 250")
     assert title.endswith("widest opening 4.00 mm, joint_1")
-    outer, sides, _ = (data for data, _ in scenes[0].layers)
+    outer, lines, sides, _ = (data for data, _ in scenes[0].layers)
     assert (outer.n_cells, sides.n_cells) == (2 * (2 + 3 * ROWS), 2 * ROWS)
+    # On the surface the joint of each side has two vertical edges of ROWS facets and two ends.
+    assert lines.n_lines == 2 * (2 * ROWS + 2)
+    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["joints"]
     y = np.unique(np.round(outer.points[np.unique(outer.regular_faces), 1], 6))
     np.testing.assert_allclose(y, [-5.5, -0.5, 0.5, 5.5])  # 250 x 2 mm
     assert share(picture(figure), RED) > 0.005
@@ -271,7 +277,7 @@ def test_deformed_chooses_a_round_scale(results: Results, scenes) -> None:
     [
         ("normal", [-3.0, -2.0, -1.0, np.nan], (-3.0, 0.0), "[MPa]"),
         ("tangential", [0.5, 0.0, 0.0, np.nan], (0.0, 0.5), "[MPa]"),
-        ("ratio", [-1 / 6, 0.0, 0.0, np.nan], (-1 / 6, 0.0), "[-]"),
+        ("mobilised", [0.5 / 1.5, 0.0, 0.0, np.nan], (0.0, 1.0), "[-]"),
         ("opening", [0.0, 0.0, 0.0, 4.0], (0.0, 4.0), "[mm]"),
         ("slip", [0.5, 0.0, 0.0, 0.0], (0.0, 0.5), "[mm]"),
     ],
@@ -295,7 +301,7 @@ def test_maps_hold_the_values_of_the_points(
         colour = 255 * np.array(cmap((value - low) / (high - low))[:3])
         points = np.count_nonzero(np.isclose(expected, value))
         assert share(image, colour) > 0.02 * points
-    assert (each > 0.02) == (quantity in ("normal", "tangential", "ratio"))
+    assert (each > 0.02) == (quantity in ("normal", "tangential", "mobilised"))
     assert (figure.axes[0].get_legend() is not None) == np.isnan(expected[3])  # of what is open
 
 

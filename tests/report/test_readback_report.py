@@ -14,9 +14,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from declared import declare_energy
+from declared import declare_energy, write_states
 from reading_back import Tables, curves, lines, low_passed
-from written_runs import WEIGHT, write_distinct, write_run, write_stages
+from written_runs import (
+    JOINT,
+    NODES,
+    SURFACE,
+    WEIGHT,
+    write_distinct,
+    write_run,
+    write_stages,
+)
 
 from dolfinx_joints import report
 from dolfinx_joints.common.errors import PlausibilityWarning
@@ -26,6 +34,7 @@ from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
 from dolfinx_joints.report import body_sections
 from dolfinx_joints.report.page import Drawings, Html
 from dolfinx_joints.report.runs import Content, Run
+from dolfinx_joints.results.layout import Cells
 from dolfinx_joints.results.quantities import ENERGY_TERMS
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
@@ -181,6 +190,28 @@ def test_stresses_and_the_view_in_space(
             assert again["largest"] == pytest.approx(1e3 * sizes.max())
 
 
+def test_the_view_in_space_shows_the_groups_with_joints(tmp_path: Path) -> None:
+    """Of three cubes, two with a joint and one of rock, the two and the sides of their joint."""
+    rock = NODES[8:] + np.array([0.0, 3.0, 0.0])
+    nodes, surface = np.concatenate([NODES, rock]), [*SURFACE, *(SURFACE[SURFACE.min(1) > 7] + 8)]
+    cubes = [8 * n + np.array([0, 1, 3, 2, 4, 5, 7, 6]) for n in range(3)]
+    cells, path = Cells(12, cubes, {"dam": [0, 1], "rock": [2]}), tmp_path / "r.h5"
+    write_states(path, nodes, surface, {"joint_1": JOINT}, (0.0, {}), cells=cells)
+    with Results(path) as results:
+        scene = body_sections.scene(Run(results, "r"))
+    drawn, facets, triangles = (
+        np.frombuffer(base64.b64decode(data[kind]), dtype=f"<{kind}")
+        for data, kind in (
+            (scene["nodes"], "f4"),
+            (scene["facets"], "i4"),
+            (scene["joints"]["i"], "i4"),
+        )
+    )
+    np.testing.assert_array_equal(drawn.reshape(-1, 3), NODES)
+    np.testing.assert_array_equal(facets.reshape(-1, 4), SURFACE)
+    assert len(triangles) == 4  # two of each side
+
+
 def test_cells_of_static_stages_are_measures(tmp_path: Path) -> None:
     path = write_stages(tmp_path / "s.h5")
     html = report.write([path], tmp_path / "out.html", with_3d=False).read_text(encoding="utf-8")
@@ -267,7 +298,7 @@ def test_curves_are_those_of_the_file(two: tuple[str, dict[str, Results]]) -> No
             same(line, run.time("energy"), run.series("energy", term))
     for (joint, panel), found in curves(html, "joint-histories").items():
         extremes = measures.joint_extremes(runs["a"], joint)
-        series = ("opening", "slip", "pressure", "mean_pressure", "safety")
+        series = ("opening", "slip", "pressure", "mean_pressure", "mobilised")
         same(found, extremes.time, extremes.values[series[panel]])
     names = ("iterations", "joint_open", "joint_stick", "joint_slip")
     for (label, panel), found in curves(html, "iterations-plot").items():

@@ -448,6 +448,7 @@ def test_browser_draws_the_report(tmp_path):
     assert found["width"] <= 390  # wide tables scroll within themselves
     assert found["plots"] > 0
     assert found["moved"] == ["1.000 s", "0.000 s"]
+    assert "from downstream, with displacements × 100 unless changed above" in html
     assert "harmed" not in found
     # The body, white to blue, and its edges: not the white of an empty canvas.
     picture = imread(io.BytesIO(base64.b64decode(found["picture"].partition(",")[2])))

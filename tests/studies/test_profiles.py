@@ -22,8 +22,8 @@ def results(tmp_path: Path) -> Results:
         "joints/joint_1/gap": np.where(opened, [3e-3, 0.0, 0.0], [-1e-5, 0.0, 0.0]),
         "joints/joint_1/traction": np.where(opened, 0.0, [-2e6, 1.2e5, -1.6e5]),
     }
-    path = tmp_path / "run.h5"
-    return Results(write_states(path, NODES, SURFACE, {"joint_1": JOINT}, (0.0, state)))
+    path, laws = tmp_path / "run.h5", {"joint_1": {"friction_angle_deg": 30.0}}
+    return Results(write_states(path, NODES, SURFACE, {"joint_1": JOINT}, (0.0, state), laws=laws))
 
 
 def test_profile_runs_up_one_column_of_points(results: Results) -> None:
@@ -39,14 +39,14 @@ def test_profile_runs_up_one_column_of_points(results: Results) -> None:
     assert "0% of width" in ax.get_title()
 
 
-def test_profile_of_the_ratio_is_one_where_open(results: Results) -> None:
-    ax = traction_profile(results, "joint_1", "ratio", index=0)
+def test_profile_of_the_mobilised_friction(results: Results) -> None:
+    ax = traction_profile(results, "joint_1", "mobilised", index=0)
     line, opened = ax.get_lines()[:2]
     np.testing.assert_allclose(line.get_ydata(), [0.5, 1.5])
-    np.testing.assert_allclose(line.get_xdata(), [-0.1, 1.0])
+    np.testing.assert_allclose(line.get_xdata(), [0.1 / np.tan(np.radians(30.0)), 0.0])
     assert opened.get_color() == "black"
     np.testing.assert_allclose(opened.get_ydata(), [1.5])
-    assert ax.get_xlabel() == "ratio [-], 1: open"
+    assert ax.get_xlabel() == "mobilised friction [-]"
 
 
 def test_a_line_up_a_joint_between_inclined_sides_meets_its_column() -> None:

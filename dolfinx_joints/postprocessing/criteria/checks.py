@@ -93,8 +93,8 @@ def checks(
 
     A row without a recorded value or without a limit is not judged. Stresses need
     ``ResultsMonitor(envelopes=..., strength=...)``. In 3-D record the faces of the dam, such as
-    ``envelopes=["upstream", "downstream"]``: the overstressed area is a share of the faces whose
-    vertices all have stresses. A joint that slides has a sliding safety of 1.
+    ``envelopes=["upstream", "downstream"]``: the overstressed area is a share of these faces. A
+    joint that slides has a sliding safety of 1.
 
     Args:
         results: The run.

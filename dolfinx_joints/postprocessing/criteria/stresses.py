@@ -9,8 +9,8 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from dolfinx_joints.common.arrays import Floats
-from dolfinx_joints.postprocessing.body import Body
-from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE, LEVELS, STAGE_STRESSES
+from dolfinx_joints.postprocessing.body import Body, face_areas
+from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE, FACETS, LEVELS, STAGE_STRESSES
 from dolfinx_joints.results.reader import Results
 
 Found = tuple[str, str, float, float | None]  # name, place, value, limit if the place sets it
@@ -57,15 +57,18 @@ class StressRatios:
         return name, stage + self._place(row), ratios.max(), None
 
     def _area(self) -> Found:
-        """Return the share of the recorded surface without joints, in 2-D of the cells.
+        """Return the overstressed share of the recorded facets, in 2-D of the cells.
 
-        The area of each facet or cell is divided equally among its vertices.
+        If no facets are named in ``envelopes``, these are the boundary facets without joints. The
+        area of each facet or cell is divided equally among its vertices.
         """
-        faces, nodes = self._body.shown, self._body.nodes
+        faces, nodes = self._body.free, self._body.nodes
+        if FACETS in self._results.statics:
+            faces = self._results.static(FACETS)
+        if faces.shape[1] == 2:
+            return "overstressed_area", "stresses are recorded along lines only", np.nan, None
         faces = faces[np.isin(faces, self._nodes).all(axis=1)]
-        corners = nodes[faces]
-        cross = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
-        share = 0.5 * np.linalg.norm(cross, axis=1) / faces.shape[1]
+        share = face_areas(nodes, faces) / faces.shape[1]
         area = np.bincount(faces.ravel(), np.repeat(share, faces.shape[1]), len(nodes))
         ratios = self._ratios("envelopes", "principal_max", "dynamic_tensile")[-1]
         if not area.any() or np.isnan(ratios).any():

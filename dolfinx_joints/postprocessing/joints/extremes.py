@@ -45,8 +45,8 @@ class JointExtremes:
     of all points [m]; the slip is the change of the tangential gap since the state `zero_of`.
     ``opening_at`` and ``slip_at`` are the points with these values, shape (records, 3), [m], NaN if
     all values are zero. ``pressure`` is the largest and ``mean_pressure`` the mean contact pressure
-    [Pa], without the pressure of water in the joint. ``safety`` is `safety_against_sliding`. Series
-    other than places have the shape (records,).
+    [Pa], without the pressure of water in the joint. ``safety`` is `safety_against_sliding`,
+    ``mobilised`` is 1 / safety, from 0 to 1. Series other than places have the shape (records,).
 
     Attributes:
         time: Times, shape (records,), [s].
@@ -89,6 +89,8 @@ def joint_extremes(
         series = _derive(results, state_points(results, "states", joint, cohesion, rows), joint)
     forces = (series[name] for name in ("compression", "shear_sum", "bond"))
     series["safety"] = safety_against_sliding(friction, *forces)
+    with np.errstate(divide="ignore"):
+        series["mobilised"] = np.divide(1.0, series["safety"])
     return JointExtremes(time=time, values=series)
 
 
@@ -126,6 +128,18 @@ def ratio(strength: Floats, shear: Floats, negligible: float) -> Floats:
     strength = np.where(strength <= negligible, 0.0, strength)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(strength / np.where(shear > negligible, shear, 0.0))
+
+
+def mobilised_friction(friction: float, points: JointPoints) -> Floats:
+    """Return the mobilised friction m = |t_s| / (mu p + c) of points, shape (..., points).
+
+    p is ``compression`` and c the cohesion of intact bonds, as in `safety_against_sliding`. The
+    friction m is 1 at sliding points, 0 without shear, and NaN at open points.
+    """
+    resistance = np.maximum(friction * points.compression + points.cohesion, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = np.where(points.shear > 0.0, points.shear / resistance, 0.0)
+    return np.where(open_points(points.gap, points.traction), np.nan, values)
 
 
 def open_points(gap: Floats, traction: Floats) -> Flags:
@@ -167,8 +181,8 @@ def state_points(
 
 
 def drawn_series(joints: Iterable[JointExtremes]) -> list[Quantity]:
-    """Return the series to draw, which are in the extremes of all joints; the safety is last."""
-    given, rows = list(joints), (*JOINT_SERIES, *rows_below("joints", "*/safety"))
+    """Return the series to draw, in the extremes of all joints; the mobilised friction is last."""
+    given, rows = list(joints), (*JOINT_SERIES, *rows_below("joints", "*/mobilised"))
     return [row for row in rows if all(row.key in joint.values for joint in given)]
 
 

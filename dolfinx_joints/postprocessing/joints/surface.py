@@ -11,7 +11,12 @@ import numpy as np
 
 from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.postprocessing.joints.extremes import open_points
+from dolfinx_joints.postprocessing.joints.extremes import (
+    mobilised_friction,
+    open_points,
+    state_points,
+    strength_of,
+)
 from dolfinx_joints.postprocessing.joints.unrolled import Unrolled, tangent_axes, unrolled
 from dolfinx_joints.postprocessing.palette import OPEN, colour_limits, colours, signed_colours
 from dolfinx_joints.results.arguments import chosen_state
@@ -22,7 +27,7 @@ from dolfinx_joints.results.reader import Results
 if TYPE_CHECKING:
     from matplotlib.colors import ListedColormap
 
-Quantity = Literal["normal", "tangential", "ratio"]
+Quantity = Literal["normal", "tangential", "mobilised"]
 Largest = Literal[
     "largest_opening", "largest_slip", "largest_pressure", "largest_tension", "largest_shear"
 ]
@@ -30,10 +35,14 @@ MapQuantity = Literal[Quantity, "opening", "slip", "state", Largest]
 # Rows of the stream ``joint_maxima`` by quantity.
 OVER_RUN = {f"largest_{row.key}": row for row in TABLE["joint_maxima"] if row.label}
 
-LABELS = {
+MAP_LABELS = {
     "normal": r"normal traction $t_n$ [MPa], tension $> 0$",
     "tangential": r"tangential traction $|t_s|$ [MPa]",
-    "ratio": r"$-|t_s|/|t_n|$ [-]",
+    "mobilised": r"mobilised friction $|t_s|/(\mu p + c)$ [-]",
+    "opening": "opening [mm]",
+    "slip": "tangential gap [mm]",
+    "state": "state of the points",
+    **{name: row.heading for name, row in OVER_RUN.items()},
 }
 _ELEVATION = "elevation [m]"
 # Tolerance in reference coordinates: a corner closer to the bisector of two points counts as on the
@@ -42,12 +51,6 @@ ON_BISECTOR = 1e-9
 # Least squared length of the mean normal of a flat joint, whose normals are within 27 degrees.
 _FLAT = 0.8
 
-MAP_LABELS = LABELS | {
-    "opening": "opening [mm]",
-    "slip": "tangential gap [mm]",
-    "state": "state of the points",
-    **{name: row.heading for name, row in OVER_RUN.items()},
-}
 # States in the order of their numbers in the file. Tied points have one colour in all maps.
 STATES = {
     "open": OPEN,
@@ -305,8 +308,12 @@ def state_of_map(results: Results, quantity: MapQuantity, *state: Any) -> tuple[
 def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:
     """Return the value of each point in the unit of its label, shape (n,).
 
-    Tractions and their ratio are NaN at open points; all values are NaN at tied points. The state
-    is 0 open, 1 sticking, 2 sliding, 3 closed without friction, as in the file.
+    Tractions and mobilised friction are NaN at open points; all values are NaN at tied points. The
+    state is 0 open, 1 sticking, 2 sliding, 3 closed without friction, as in the file.
+
+    Raises:
+        ResultsError: The file has no friction angle of the joint, which its mobilised friction
+            needs.
     """
     values = _value(results, joint, quantity, number)
     return np.where(tied_points(results, joint), np.nan, values)
@@ -322,12 +329,17 @@ def _value(results: Results, joint: str, quantity: MapQuantity, number: int) -> 
         gap = 1e3 * gaps(results, "states", joint, number)
         opening: Floats = np.maximum(gap[:, 0], 0.0)
         return opening if quantity == "opening" else np.hypot(gap[:, 1], gap[:, 2])
-    traction = 1e-6 * results.series("states", f"joints/{joint}/traction", number)
-    normal, shear = traction[:, 0], np.hypot(traction[:, 1], traction[:, 2])
-    ratio = -np.divide(shear, np.abs(normal), out=np.zeros_like(shear), where=normal != 0.0)
-    values = {"normal": normal, "tangential": shear, "ratio": ratio}[quantity]
-    gap = results.series("states", f"joints/{joint}/gap", number)
-    return np.where(open_points(gap, traction), np.nan, values)
+    friction, cohesion = strength_of(results, joint, None)
+    points = state_points(results, "states", joint, cohesion, slice(number, number + 1))
+    if quantity == "mobilised":
+        if np.isnan(friction):
+            raise ResultsError(
+                f"{results.path} has no friction angle of the joint {joint!r}, so its mobilised "
+                "friction is undefined; choose other joints."
+            )
+        return mobilised_friction(friction, points)[0]
+    values = 1e-6 * (points.traction[0, :, 0] if quantity == "normal" else points.shear[0])
+    return np.where(open_points(points.gap, points.traction)[0], np.nan, values)
 
 
 def map_limits(quantity: MapQuantity, values: Floats) -> tuple[float, float]:
@@ -335,6 +347,8 @@ def map_limits(quantity: MapQuantity, values: Floats) -> tuple[float, float]:
     if quantity == "state":
         return -0.5, len(STATES) - 0.5
     low, high = colour_limits(values)
+    if quantity == "mobilised":
+        return 0.0, max(1.0, high)
     never_negative = quantity in ("tangential", "opening", "slip", *OVER_RUN)
     return (0.0, 1.0) if never_negative and high == 0.0 else (low, high)
 
@@ -347,4 +361,4 @@ def map_colours(quantity: MapQuantity, limits: tuple[float, float]) -> ListedCol
         return ListedColormap(list(STATES.values()))
     if quantity == "normal":
         return signed_colours(limits)
-    return colours(dark_is_low=quantity == "ratio")
+    return colours()

@@ -30,7 +30,7 @@ from dolfinx_joints.simulation.record import Record
 STATIC_PART = "static_displacement"
 
 # Largest number of steps in a block, and largest size of its arrays [bytes]: caches contain them.
-_BLOCK_STEPS, _BLOCK_BYTES = 64, 1 << 20
+_BLOCK_STEPS, _BLOCK_BYTES = 128, 1 << 21
 
 
 class StepSeries:
@@ -51,7 +51,7 @@ class StepSeries:
         self._supports = (*model.constraints.groups, *model.constraints.points)
         nodes = [model.nodes(group) for group in self._supports]
         at_supports = np.concatenate([np.empty(0, dtype=np.int64), *nodes])
-        self._dofs = model.gdim * at_supports[:, None] + np.arange(model.gdim)
+        self._dofs = model.gdim * at_supports + np.arange(model.gdim)[:, None]
         self._ends = np.cumsum([0, *map(len, nodes)])
         self.last: tuple[float, Floats | None] = (-np.inf, None)
         self._steps: list[tuple[Any, ...]] = []
@@ -113,13 +113,13 @@ class StepSeries:
         histories |= _shares(counts)
         histories |= {name: _stacked([step[name] for step in ground]) for name in ground[0]}
         at_nodes, ends = self._reactions[:count], pairwise(self._ends)
-        sums = np.array([at_nodes[:, start:stop].sum(axis=1) for start, stop in ends])
+        sums = np.array([at_nodes[..., start:stop].sum(axis=-1) for start, stop in ends])
         forces = summed(self._model.jointed.mesh.comm, sums)
         histories |= zip([f"reaction/{name}" for name in self._supports], forces, strict=True)
         streams = {"histories": histories | {"iterations": np.array(iterations)}}
         streams["energy"] = energies(self._model, rows)
         if self._extremes is not None:
-            gap, slip = self._gaps[:count], self._gaps[:count, :, 1:] - self._gap[:, 1:]
+            gap, slip = self._gaps[:count], (self._gaps[:count] - self._gap)[..., 1:]
             points = JointPoints(gap, slip, self._tractions[:count], self._cohesion[:count])
             sliding = self._status[:count] >= Status.SLIP  # also closed without friction
             streams["joints"] = self._extremes.values(points, sliding)

@@ -120,7 +120,9 @@ class Stream:
                 f"got {listing(values)}."
             )
         for name, shape in self._shapes.items():
-            if (given := np.shape(values[name])) != (*rows, *shape):
+            value = values[name]
+            given = value.shape if isinstance(value, np.ndarray) else np.shape(value)
+            if given != (*rows, *shape):
                 raise ResultsError(
                     f"{self.name}/{name} was declared with shape {shape}, got {given[len(rows) :]}."
                 )
@@ -193,7 +195,7 @@ def create_dataset(
     return h5py.Dataset(h5py.h5d.create(group.id, name.encode(), kind, space, layout, _LINKS))
 
 
-@lru_cache
+@lru_cache(256)
 def _properties(
     shape: tuple[int, ...], dtype: np.dtype[Any], rows: int = 0, fill: float = 0.0
 ) -> tuple[h5py.h5t.TypeID, h5py.h5s.SpaceID, h5py.h5p.PropDCID]:

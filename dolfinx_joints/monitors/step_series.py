@@ -79,7 +79,8 @@ class StepSeries:
         if record.reservoir_force is not None:
             ground["reservoir_force"] = record.reservoir_force
         contact, joints, solve = self._model.contact, record.joints, record.solve
-        row, counts, pressure, static = len(self._steps), solve.counts if solve else None, None, None
+        row, pressure, static = len(self._steps), None, None
+        counts = solve.counts if solve else None
         if self._extremes is not None and joints is not None and contact is not None:
             self._gaps[row], self._tractions[row] = joints.state.gap, joints.traction
             self._cohesion[row] = self._extremes.forces.cohesion(joints)

@@ -189,7 +189,8 @@ def create_dataset(
 ) -> h5py.Dataset:
     """Create a dataset, with h5py's low-level interface in half the time.
 
-    If rows of a chunk and fill value are given, ``shape`` is that of one row, and rows can be added.
+    With ``growing``, the rows of a chunk and the fill value, ``shape`` is that of one row and rows
+    can be added.
     """
     kind, space, layout = _properties(shape, dtype, *growing)
     return h5py.Dataset(h5py.h5d.create(group.id, name.encode(), kind, space, layout, _LINKS))

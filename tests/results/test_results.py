@@ -120,9 +120,9 @@ def test_a_growing_file_can_be_read(tmp_path: Path) -> None:
 
 
 def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
-    """Both streams have the 2000 rows of the last flush, although buffers of 1024 rows were full.
+    """Kill a process after two streams had their last flush at row 2000 of 4000.
 
-    Then the values of 1024 rows of one stream and of 1000 rows of the other were written.
+    After it, a full buffer of 1024 rows of each stream was written, at different rows.
     """
     code = (
         "import os, signal, sys; import numpy as np\n"

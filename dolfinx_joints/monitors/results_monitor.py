@@ -294,7 +294,7 @@ class ResultsMonitor(Monitor):
 
     def state_dict(self) -> dict[str, Any]:
         """Flush the file; return record counts and data for the next record (collective)."""
-        self._extend(self._series.take())
+        self._extend(self._series.take(), flush=True)
         columns = None if self._envelopes is None else self._envelopes.state_dict()
         series = self._series.state_dict()
         records: dict[str, int] = {}
@@ -360,9 +360,7 @@ class ResultsMonitor(Monitor):
             values[STATIC_PART] = self._nodes.across(self._nodes.dealt(static))
         return values
 
-    def _extend(
-        self, block: tuple[Sequence[float], Mapping[str, Any]], *, flush: bool = False
-    ) -> None:
+    def _extend(self, block: tuple[Sequence[float], Mapping[str, Any]], *, flush: bool) -> None:
         """Add the rows of steps on rank 0; an error is raised on all ranks."""
         with raised_together(self._comm):
             if self._writer is not None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -273,17 +272,11 @@ def row_of(stream: str, name: str) -> tuple[Quantity, str]:
     Raises:
         ResultsError: The table has no row for the series.
     """
-    for row, pattern in _patterns(stream):
-        if match := pattern.fullmatch(name):
+    for row in TABLE.get(stream, ()):
+        match = re.fullmatch(re.escape(row.name).replace(r"\*", "(.+)"), name)
+        if match:
             return row, "".join(match.groups())
     raise ResultsError(f"The table of quantities has no row for {name!r} of {stream!r}.")
-
-
-@cache
-def _patterns(stream: str) -> list[tuple[Quantity, re.Pattern[str]]]:
-    """Return the rows of a stream with patterns of their names."""
-    names = (re.escape(row.name).replace(r"\*", "(.+)") for row in TABLE.get(stream, ()))
-    return list(zip(TABLE.get(stream, ()), map(re.compile, names), strict=True))
 
 
 def rows_by(*methods: str) -> tuple[Quantity, ...]:

@@ -22,8 +22,9 @@ from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.common.parameters import PLAIN_NAMES, check_kind_of, is_plain_name, shown
 from dolfinx_joints.results.disk_space import Room
 from dolfinx_joints.results.reader import FORMAT, VERSION, Results
-from dolfinx_joints.results.stream import EXPECTED_ROWS, Stream, create_dataset, write_whole
+from dolfinx_joints.results.stream import EXPECTED_ROWS, Stream, new_dataset, write_whole
 
+_Row = Mapping[str, ArrayLike | Dealt]
 Status = Literal["running", "complete", "stopped", "failed"]
 
 _SUMMARY_BYTES = 65536  # preallocated size of the summary, which cannot grow in SWMR mode
@@ -211,7 +212,7 @@ class ResultsWriter:
         """Create the dataset of an array that is written once."""
         self._check_declaration(name)
         self._room.reserve(self.path, int(np.prod(shape)) * np.dtype(dtype).itemsize)
-        dataset = create_dataset(self._static, name, shape, np.dtype(dtype))
+        dataset = new_dataset(self._static, name, dtype, h5py.h5s.create_simple(shape))
         set_texts(dataset, unit=unit, description=description)
         return dataset
 
@@ -247,14 +248,7 @@ class ResultsWriter:
         self._file.flush()
         self._file.swmr_mode = True
 
-    def append(
-        self,
-        stream: str,
-        time: float,
-        values: Mapping[str, ArrayLike | Dealt],
-        *,
-        flush: bool = True,
-    ) -> None:
+    def append(self, stream: str, time: float, values: _Row, *, flush: bool = True) -> None:
         """Add one record to a stream; readers see it after the next flush.
 
         Args:

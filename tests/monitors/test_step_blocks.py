@@ -36,7 +36,7 @@ class EachStep(dj.ResultsMonitor):
 
     def record(self, record):
         super().record(record)
-        self._extend(self._series.take())
+        self._extend(self._series.take(), flush=True)
 
 
 class Copier(Monitor):

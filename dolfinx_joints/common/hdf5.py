@@ -15,6 +15,7 @@ import os
 import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ DIGEST_BYTES = 32
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, AttributeError, ValueError, MemoryError)
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_SCALAR = h5py.h5s.create(h5py.h5s.SCALAR)
 _SUPERBLOCK = 36  # bytes up to and including the file's length
 _GROWING_SECONDS = 1.0  # longer than a writer needs to extend a file
 # While a run writes, HDF5 rereads metadata with a wrong checksum after 1, 2, 4, ... ns: 0.1 s in
@@ -74,11 +76,17 @@ def new_file(path: Path, size: int, **options: Any) -> Iterator[h5py.File]:
 
 
 def set_texts(item: h5py.Dataset | h5py.Group, **texts: str) -> None:
-    """Set text attributes of a dataset or group, readable by `attribute`."""
+    """Create text attributes of a dataset or group, readable by `attribute`."""
     for name, text in texts.items():
-        encoded = text.encode()
-        kind = h5py.string_dtype("utf-8", max(len(encoded), 1))
-        item.attrs.create(name, np.bytes_(encoded), dtype=kind)
+        encoded = np.array(text.encode())
+        kind = _text_type(encoded.itemsize)
+        # The low-level interface of h5py takes a third of the time of `attrs.create`.
+        h5py.h5a.create(item.id, name.encode(), kind, _SCALAR).write(encoded, kind)
+
+
+@lru_cache
+def _text_type(length: int) -> h5py.h5t.TypeID:
+    return h5py.h5t.py_create(h5py.string_dtype("utf-8", length), logical=True)
 
 
 def attribute(item: h5py.Dataset | h5py.Group, name: str) -> str | int | None:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -42,10 +43,12 @@ def energy_terms(model: Model) -> list[str]:
 
 def energies(model: Model, rows: Sequence[EnergyRow]) -> dict[str, Floats]:
     """Return the values of consecutive steps of the stream ``energy`` by name."""
-    values = {term: np.array([getattr(row, term) for row in rows]) for term in energy_terms(model)}
+    terms = energy_terms(model)
+    columns = np.array([*map(attrgetter(*terms), rows)]).T
+    values: dict[str, Floats] = dict(zip(terms, columns, strict=True))
     joints = () if model.operator is None else model.operator.names
     for entry in rows_below("energy", "joints/*/"):
-        of_joints = np.stack([getattr(row, f"joint_{entry.key}") for row in rows], axis=1)
+        of_joints = np.array([getattr(row, f"joint_{entry.key}") for row in rows]).T
         names = [entry.name.replace("*", joint) for joint in joints]
         values |= zip(names, of_joints, strict=True)
     for load in rows[0].input_by_load:

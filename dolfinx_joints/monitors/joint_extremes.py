@@ -18,6 +18,7 @@ from dolfinx_joints.results.quantities import TABLE, JointPoints, at_points, row
 # Rows of the table of quantities by kind, and columns of maxima whose positions are recorded.
 _LARGEST, _PLACES = rows_by("largest"), rows_by("place")
 _SUMS, _MEANS = rows_by("integral"), rows_by("mean")
+_SLIP = [row.key for row in _LARGEST].index("slip")
 _PLACED = [[row.key for row in _LARGEST].index(row.key.removesuffix("_at")) for row in _PLACES]
 
 
@@ -54,7 +55,7 @@ class JointExtremesStream:
         # The first rows of the maxima are those of _LARGEST.
         local = np.maximum(at_points(TABLE["joint_maxima"], points), 0.0)
         local[..., self._tied] = 0.0
-        slid = (sliding & (points.slip != 0.0).any(axis=-1)).any(axis=0)
+        slid = (sliding & (local[_SLIP] > 0.0)).any(axis=0)
         np.maximum(self.maxima, [*local.max(axis=1), slid], out=self.maxima)
         local = local[:count]
         largest = np.zeros((*local.shape[:-1], len(operator.names)))
@@ -78,7 +79,7 @@ class JointExtremesStream:
         operator, count = self._operator, local.shape[-1]
         least = np.maximum(ALIKE * largest, np.nextafter(self._rounding, np.inf))
         first = np.full(largest.shape, count)
-        is_largest = local >= least[..., operator.joint]
+        is_largest = local >= least.take(operator.joint, axis=-1)
         self._reduce(np.minimum, np.where(is_largest, np.arange(count), count), first)
         nowhere = np.full((1, 3), np.nan)
         by_rank = of_ranks(operator.comm, np.concatenate([operator.points, nowhere])[first])

@@ -123,6 +123,7 @@ class PointProbe:
     Attributes:
         positions: Coordinates of the selected nodes, shape (n, 3), [m].
         sides: Joint sides of each node; empty if no other node has the same position.
+        dofs: Dofs of this rank's points, shape (local points, gdim).
         notes: Text on the node of each point if the node is far away or one of several, else "".
 
     Raises:
@@ -142,7 +143,8 @@ class PointProbe:
             probe = point if isinstance(point, Probe) else Probe(tuple(point))
             node = self._find(model, row, probe, nodes)
             local += [] if node is None else [(row, node)]
-        self._rows, self._local = np.array(local, dtype=np.int64).reshape(-1, 2).T
+        self._rows, nodes_here = np.array(local, dtype=np.int64).reshape(-1, 2).T
+        self.dofs: Ints = self._gdim * nodes_here[:, None] + np.arange(self._gdim)
 
     def _find(self, model: Model, row: int, probe: Probe, nodes: NodeNumbering) -> int | None:
         """Find the node for a point; return its local number if this rank owns it (collective)."""
@@ -172,14 +174,15 @@ class PointProbe:
 
     def read(self, u: PETSc.Vec) -> Floats:
         """Return the nodal vectors at the points, shape (n, 3), on every rank (collective)."""
-        return self.of_all_ranks([self.local(u)])[0]
+        return self.of_all_ranks(self.local(u)[None])[0]
 
     def local(self, u: PETSc.Vec) -> Floats:
         """Return a copy of the nodal vectors at this rank's points, shape (local points, gdim)."""
-        return u.getArray(readonly=True).reshape(-1, self._gdim)[self._local]
+        values: Floats = u.getArray(readonly=True).take(self.dofs)
+        return values
 
-    def of_all_ranks(self, steps: Sequence[Floats]) -> Floats:
+    def of_all_ranks(self, steps: Floats) -> Floats:
         """Return the vectors of all points, (steps, n, 3), from `local` of steps (collective)."""
         values = np.zeros((len(steps), len(self.positions), 3))
-        values[:, self._rows, : self._gdim] = np.stack(steps)
+        values[:, self._rows, : self._gdim] = steps
         return summed(self._comm, values)

@@ -231,8 +231,8 @@ class ResultsMonitor(Monitor):
                     create()
             for number, row in enumerate(stages, start=1):
                 self._append("statics", number, row)
-            self._extend(block)
             self._append("states", first.time, state)
+            self._extend(block, flush=True)
             if self._envelopes is not None:
                 self._envelopes.see(first.displacement, first.time)
         except BaseException as error:
@@ -299,7 +299,7 @@ class ResultsMonitor(Monitor):
 
     def state_dict(self) -> dict[str, Any]:
         """Flush the file; return record counts and data for the next record (collective)."""
-        self._extend(self._series.take())
+        self._extend(self._series.take(), flush=True)
         columns = None if self._envelopes is None else self._envelopes.state_dict()
         series = self._series.state_dict()
         records: dict[str, int] = {}
@@ -346,13 +346,15 @@ class ResultsMonitor(Monitor):
                 self._writer = ResultsWriter.resume(self._path, state_dict["records"])
 
     def record(self, record: Record) -> None:
-        """Collect a step, write the collected steps if due, and append the state (collective)."""
+        """Collect a step and a state, and write the collected steps if due (collective)."""
         static = self._series.collect(record)
-        due = self._writer is not None and (self._series.full or self._writer.due)
-        if self._comm.bcast(due):  # the clocks of the ranks differ
-            self._extend(self._series.take())
         if record.step % self.every == 0:
             self._append("states", record.time, self._values(record, static))
+        due = self._writer is not None and self._writer.due
+        if self._comm.size > 1:
+            due = self._comm.bcast(due)  # the clocks of the ranks differ
+        if due or self._series.full:
+            self._extend(self._series.take(), flush=due)
         if self._envelopes is not None:
             self._envelopes.see(record.displacement, record.time)
 
@@ -365,17 +367,20 @@ class ResultsMonitor(Monitor):
             values |= self._envelopes.in_plane(record.displacement, record.time)
         return values
 
-    def _extend(self, block: tuple[Sequence[float], Mapping[str, Any]]) -> None:
-        """Write the rows of steps on rank 0; an error is raised on all ranks."""
+    def _extend(self, block: tuple[Sequence[float], Mapping[str, Any]], *, flush: bool) -> None:
+        """Add the rows of steps on rank 0; an error is raised on all ranks."""
         with raised_together(self._comm):
             if self._writer is not None:
                 self._writer.extend(*block)
+                if flush:
+                    self._writer.flush()
 
     def _append(self, stream: str, time: float, values: Mapping[str, Any]) -> None:
         """Append to a stream on rank 0; an error on rank 0 is raised on all ranks."""
         with handing_out(self._comm, values):
             if self._writer is not None:
-                self._writer.append(stream, time, values)
+                # A flush before the rows of all steps would let readers see states without them.
+                self._writer.append(stream, time, values, flush=False)
 
     def _ending(self) -> dict[str, dict[str, Any]]:
         """Return the streams with a single record at the end of a run (collective)."""

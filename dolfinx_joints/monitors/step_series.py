@@ -29,8 +29,8 @@ from dolfinx_joints.simulation.record import Record
 
 STATIC_PART = "static_displacement"
 
-# Largest number of steps in a block, and largest size of its arrays [bytes].
-_BLOCK_STEPS, _BLOCK_BYTES = 512, 1 << 24
+# Largest number of steps in a block, and largest size of its arrays [bytes]: caches contain them.
+_BLOCK_STEPS, _BLOCK_BYTES = 128, 1 << 21
 
 
 class StepSeries:
@@ -50,16 +50,27 @@ class StepSeries:
         self._model, self._probe = model, probe
         self._supports = (*model.constraints.groups, *model.constraints.points)
         nodes = [model.nodes(group) for group in self._supports]
-        self._nodes = np.concatenate([np.empty(0, dtype=np.int64), *nodes])
+        at_supports = np.concatenate([np.empty(0, dtype=np.int64), *nodes])
+        self._dofs = model.gdim * at_supports + np.arange(model.gdim)[:, None]
         self._ends = np.cumsum([0, *map(len, nodes)])
         self.last: tuple[float, Floats | None] = (-np.inf, None)
         self._steps: list[tuple[Any, ...]] = []
-        self._bytes = 0  # size of the collected arrays
         self._extremes: JointExtremesStream | None = None
+        points = 0
         if model.contact is not None and first.joints is not None:
             self._extremes = JointExtremesStream(model)
             static = first.stages[-1].state.joints if first.stages else None
             self._gap = (static or first.joints).state.gap.copy()  # from which slip is measured
+            points = len(self._gap)
+        size = 8 * (3 * probe.dofs.size + self._dofs.size + 8 * points)
+        comm = model.jointed.mesh.comm
+        count = max(1, min(_BLOCK_STEPS, *comm.allgather(_BLOCK_BYTES // max(1, size))))
+        # A row for each step: at the points u, v and the static part of u; reactions; joint points.
+        self._moved = np.empty((3, count, *probe.dofs.shape))
+        self._reactions = np.empty((count, *self._dofs.shape))
+        self._gaps, self._tractions = np.empty((2, count, points, 3))
+        self._cohesion = np.empty((count, points))
+        self._status = np.empty((count, points), dtype=np.int8)
 
     def collect(self, record: Record) -> PETSc.Vec | None:
         """Copy the values of a step; return the static part of u if recorded (collective)."""
@@ -69,50 +80,50 @@ class StepSeries:
         if record.reservoir_force is not None:
             ground["reservoir_force"] = record.reservoir_force
         contact, joints, solve = self._model.contact, record.joints, record.solve
-        counts, parts, pressure = solve.counts if solve else None, tuple[NDArray[Any], ...](), None
+        row, pressure, static = len(self._steps), None, None
+        counts = solve.counts if solve else None
         if self._extremes is not None and joints is not None and contact is not None:
-            cohesion = self._extremes.forces.cohesion(joints)
-            sliding = joints.status >= Status.SLIP  # also closed without friction
-            parts = (joints.state.gap.copy(), joints.traction.copy(), cohesion, sliding)
+            self._gaps[row], self._tractions[row] = joints.state.gap, joints.traction
+            self._cohesion[row] = self._extremes.forces.cohesion(joints)
+            self._status[row] = joints.status
             counts = contact.counts(joints.status) if counts is None else counts
         if self.resultants is not None and record.pressure is not None:
             pressure = record.pressure()
-        local, reactions = self._probe.local, record.reaction.getArray(readonly=True)
-        at_supports = reactions.reshape(-1, self._model.gdim).take(self._nodes, axis=0)
-        moved, static = [local(record.displacement), local(record.velocity)], None
+        local, moved = self._probe.local, self._moved
+        moved[0, row], moved[1, row] = local(record.displacement), local(record.velocity)
         if self.static and record.static_part is not None:
             static = record.static_part(record.time)
-            moved.append(local(static))
+            moved[2, row] = local(static)
+        self._reactions[row] = record.reaction.getArray(readonly=True).take(self._dofs)
         iterations = solve.iterations if solve else 0
-        step = record.time, moved, at_supports, ground, counts, iterations, record.energy
-        self._steps.append((*step, parts, pressure))
-        self._bytes += sum(array.nbytes for array in (at_supports, *moved, *parts))
+        self._steps.append((record.time, ground, counts, iterations, record.energy, pressure))
         return static
 
     @property
     def full(self) -> bool:
         """True if the block of collected steps has its largest size."""
-        return len(self._steps) >= _BLOCK_STEPS or self._bytes >= _BLOCK_BYTES
+        return len(self._steps) == len(self._gaps)
 
     def take(self) -> tuple[Sequence[float], dict[str, dict[str, Any]]]:
         """Return times and series by stream of the collected steps; discard them (collective)."""
-        steps, self._steps, self._bytes = self._steps, [], 0
+        steps, self._steps = self._steps, []
         if not steps:
             return [], {}
-        times, moved, reactions, ground, counts, iterations, rows, parts, pressure = zip(
-            *steps, strict=True
-        )
-        histories = self._motion(times, *zip(*moved, strict=True)) | _shares(counts)
+        times, ground, counts, iterations, rows, pressure = zip(*steps, strict=True)
+        count = len(steps)
+        histories = self._motion(times, *self._moved[: 3 if self.static else 2, :count])
+        histories |= _shares(counts)
         histories |= {name: _stacked([step[name] for step in ground]) for name in ground[0]}
-        at_nodes, ends = _stacked(reactions), pairwise(self._ends)
-        sums = np.array([at_nodes[:, start:stop].sum(axis=1) for start, stop in ends])
+        at_nodes, ends = self._reactions[:count], pairwise(self._ends)
+        sums = np.array([at_nodes[..., start:stop].sum(axis=-1) for start, stop in ends])
         forces = summed(self._model.jointed.mesh.comm, sums)
         histories |= zip([f"reaction/{name}" for name in self._supports], forces, strict=True)
         streams = {"histories": histories | {"iterations": np.array(iterations)}}
         streams["energy"] = energies(self._model, rows)
         if self._extremes is not None:
-            gap, traction, cohesion, sliding = map(_stacked, zip(*parts, strict=True))
-            points = JointPoints(gap, gap[..., 1:] - self._gap[:, 1:], traction, cohesion)
+            gap, slip = self._gaps[:count], (self._gaps[:count] - self._gap)[..., 1:]
+            points = JointPoints(gap, slip, self._tractions[:count], self._cohesion[:count])
+            sliding = self._status[:count] >= Status.SLIP  # also closed without friction
             streams["joints"] = self._extremes.values(points, sliding)
             if self.resultants is not None:
                 water = None if pressure[0] is None else _stacked(pressure)
@@ -144,7 +155,7 @@ class StepSeries:
         return series
 
     def _motion(
-        self, times: Sequence[float], u: Sequence[Floats], v: Sequence[Floats], *static: Any
+        self, times: Sequence[float], u: Floats, v: Floats, *static: Floats
     ) -> dict[str, Floats]:
         """Return the motion of the points in consecutive steps (collective).
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from dolfinx_joints.common.arrays import Dealt, Floats, blocks_in
 from dolfinx_joints.common.errors import ResultsError
@@ -17,8 +17,10 @@ from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.results.reader import listing
 
 _CHUNK_BYTES = 65536
-BUFFER_ROWS = 256
-_BUFFER_BYTES = 1 << 24
+EXPECTED_ROWS = 256  # expected number of rows if none is given
+_BUFFER_ROWS, _BUFFER_BYTES = 1024, 1 << 24
+_PLAIN = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+_PLAIN.set_obj_track_times(False)
 _LINKS = h5py.h5p.create(h5py.h5p.LINK_CREATE)
 _LINKS.set_create_intermediate_group(True)
 
@@ -29,6 +31,7 @@ class Stream:
     Attributes:
         name: Name of the stream.
         waiting: Number of rows in the buffer.
+        written: Times of rows whose values are in the file, but not their times.
         row_bytes: Size of one record with its time.
         chunks: Size of one chunk of all datasets together [bytes].
     """
@@ -43,6 +46,7 @@ class Stream:
         # Buffers by name, shape (capacity, ...), or the row itself if it is distributed (`Dealt`).
         self._rows: dict[str, Any] = {}
         self._times: list[float] = []
+        self.written: list[float] = []
         self._capacity = 0
         self._time = self._extendable("time", (), np.dtype(np.float64), np.nan)
         unit, text = (
@@ -54,9 +58,9 @@ class Stream:
         self.row_bytes, self.chunks = 8, 8 * math.prod(self._time.chunks)
 
     @property
-    def full(self) -> bool:
-        """True if the buffer is full."""
-        return self.waiting == self._capacity
+    def room(self) -> int:
+        """Number of rows that the buffer can still take."""
+        return self._capacity - self.waiting
 
     def declare(
         self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], unit: str, text: str
@@ -80,21 +84,17 @@ class Stream:
         rows = -(-self._expected // -(-self._expected // largest))
         # Do not fill large chunks: HDF5 would keep a filled chunk in memory.
         large = row_bytes > _CHUNK_BYTES
-        # The low-level interface of h5py takes half the time of `create_dataset`.
-        layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        layout = _PLAIN.copy()
         layout.set_chunk((rows, *(max(1, length) for length in shape)))
         layout.set_fill_value(np.array(fill, dtype))
         layout.set_fill_time(h5py.h5d.FILL_TIME_NEVER if large else h5py.h5d.FILL_TIME_IFSET)
-        layout.set_obj_track_times(False)
         space = h5py.h5s.create_simple((0, *shape), (h5py.h5s.UNLIMITED, *shape))
-        kind, key = h5py.h5t.py_create(dtype, logical=True), name.encode()
-        return h5py.Dataset(h5py.h5d.create(self._group.id, key, kind, space, layout, _LINKS))
+        return new_dataset(self._group, name, dtype, space, layout)
 
     def append(self, time: float, values: Mapping[str, Any]) -> None:
         """Add a row to the buffer; see `ResultsWriter.append`."""
         self._check([time], values)
-        if not self._capacity:
-            self._allocate(values)
+        self._allocate(1, values)
         for name, value in values.items():
             if isinstance(value, Dealt):
                 self._rows[name] = value
@@ -104,10 +104,14 @@ class Stream:
         self.waiting += 1
 
     def extend(self, times: Sequence[float], values: Mapping[str, NDArray[Any]]) -> None:
-        """Use values as the buffer, which must be empty; see `ResultsWriter.extend`."""
+        """Add rows to the buffer; see `ResultsWriter.extend`."""
         self._check(times, values, len(times))
-        self._rows, self._times, self.waiting = dict(values), list(times), len(times)
-        self._capacity = 0  # the next `append` allocates new buffers
+        self._allocate(len(times), values)
+        rows = slice(self.waiting, self.waiting + len(times))
+        for name, value in values.items():
+            self._rows[name][rows] = value
+        self._times += times
+        self.waiting += len(times)
 
     def _check(self, times: Sequence[float], values: Mapping[str, Any], *rows: int) -> None:
         """Check new times, and names and shapes of values with ``rows`` as leading axis."""
@@ -123,20 +127,25 @@ class Stream:
                 f"got {listing(values)}."
             )
         for name, shape in self._shapes.items():
-            if (given := np.shape(values[name])) != (*rows, *shape):
+            value = values[name]
+            given = value.shape if isinstance(value, np.ndarray) else np.shape(value)
+            if given != (*rows, *shape):
                 raise ResultsError(
                     f"{self.name}/{name} was declared with shape {shape}, got {given[len(rows) :]}."
                 )
         self._last = times[-1]
 
-    def _allocate(self, first: Mapping[str, Any]) -> None:
-        """Allocate the buffers; the operating system assigns memory when rows are filled.
+    def _allocate(self, count: int, first: Mapping[str, Any]) -> None:
+        """Allocate buffers for ``count`` rows or more, unless they exist or rows are in them.
 
-        The capacity is one record if the ``first`` record has distributed arrays (`Dealt`).
+        The capacity is one record if the ``first`` record has distributed arrays (`Dealt`). The
+        operating system assigns memory when rows are filled.
         """
+        if self._capacity >= count:
+            return
         dealt = {name for name, value in first.items() if isinstance(value, Dealt)}
-        capacity = 1 if dealt else max(1, _BUFFER_BYTES // self.row_bytes)
-        self._capacity = min(BUFFER_ROWS, capacity)
+        capacity = 1 if dealt else min(_BUFFER_ROWS, _BUFFER_BYTES // self.row_bytes)
+        self._capacity = max(count, capacity)
         for name, dataset in self._datasets.items():
             if name not in dealt:
                 self._rows[name] = np.empty((self._capacity, *self._shapes[name]), dataset.dtype)
@@ -154,7 +163,7 @@ class Stream:
     @property
     def records(self) -> int:
         """Number of rows in the file and in the buffer."""
-        return len(self._time) + self.waiting
+        return len(self._time) + len(self.written) + self.waiting
 
     def copy(self, times: Floats, values: Mapping[str, h5py.Dataset]) -> None:
         """Copy the first rows of datasets of another file, at most about 16 MB at once."""
@@ -164,8 +173,8 @@ class Stream:
         add_rows(self._time, times)
         self._last = float(times[-1]) if len(times) else self._last
 
-    def write_values(self) -> list[float]:
-        """Write the buffered values, and return their times, which are not written yet."""
+    def write_values(self) -> None:
+        """Write the buffered values; their times are written later."""
         times, waiting = self._times, self.waiting
         self.drop()  # a failed write must not be repeated when the file is closed
         for name, dataset in self._datasets.items():
@@ -174,11 +183,20 @@ class Stream:
                 _add_dealt(dataset, rows)
             else:
                 add_rows(dataset, rows[:waiting])
-        return times
+        self.written += times
 
-    def write_time(self, times: Sequence[float]) -> None:
-        """Write the times of rows after their values."""
+    def write_times(self) -> None:
+        """Write the times of rows whose values are in the file."""
+        times, self.written = self.written, []
         add_rows(self._time, times)
+
+
+def new_dataset(
+    group: h5py.Group, name: str, dtype: DTypeLike, space: h5py.h5s.SpaceID, layout: Any = _PLAIN
+) -> h5py.Dataset:
+    """Create a dataset; the low-level interface of h5py takes half the time of `create_dataset`."""
+    kind = h5py.h5t.py_create(np.dtype(dtype), logical=True)
+    return h5py.Dataset(h5py.h5d.create(group.id, name.encode(), kind, space, layout, _LINKS))
 
 
 def add_rows(dataset: h5py.Dataset, rows: NDArray[Any] | Sequence[float]) -> None:
@@ -213,7 +231,8 @@ def write_whole(dataset: h5py.Dataset, values: NDArray[Any] | Dealt, *row: int) 
         return
     first = 0
     for block in blocks_in(values):
-        dataset[(*row, slice(first, first + len(block)))] = block
+        start = (*row, first, *(0 for _ in block.shape[1:]))
+        _write(dataset, start, np.ascontiguousarray(block)[(None,) * len(row)])
         first += len(block)
 
 

@@ -22,8 +22,9 @@ from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.common.parameters import PLAIN_NAMES, check_kind_of, is_plain_name, shown
 from dolfinx_joints.results.disk_space import Room
 from dolfinx_joints.results.reader import FORMAT, VERSION, Results
-from dolfinx_joints.results.stream import BUFFER_ROWS, Stream, write_whole
+from dolfinx_joints.results.stream import EXPECTED_ROWS, Stream, new_dataset, write_whole
 
+_Row = Mapping[str, ArrayLike | Dealt]
 Status = Literal["running", "complete", "stopped", "failed"]
 
 _SUMMARY_BYTES = 65536  # preallocated size of the summary, which cannot grow in SWMR mode
@@ -94,7 +95,7 @@ class ResultsWriter:
         self._file.create_dataset("metadata", data=encoded)
         self._file.create_dataset("status", data=np.array([b"running"], dtype="S16"))
         self._file.create_dataset("summary", data=np.zeros(_SUMMARY_BYTES, dtype=np.uint8))
-        self._file.create_group("static")
+        self._static = self._file.create_group("static")
         self._file.create_group("streams")
 
     @classmethod
@@ -144,6 +145,7 @@ class ResultsWriter:
 
     def _copy(self, old: Results, rows: Mapping[str, int]) -> None:
         """Make the declarations of another file, and copy its first rows."""
+        del self._file.attrs["created"]
         set_texts(self._file, created=old.created)
         with old.datasets() as (statics, streams):
             for name in old.statics:
@@ -210,7 +212,7 @@ class ResultsWriter:
         """Create the dataset of an array that is written once."""
         self._check_declaration(name)
         self._room.reserve(self.path, int(np.prod(shape)) * np.dtype(dtype).itemsize)
-        dataset = self._file["static"].create_dataset(name, shape, dtype)
+        dataset = new_dataset(self._static, name, dtype, h5py.h5s.create_simple(shape))
         set_texts(dataset, unit=unit, description=description)
         return dataset
 
@@ -236,7 +238,7 @@ class ResultsWriter:
         """
         self._check_declaration(name)
         if stream not in self._streams:
-            rows = self._expected.get(stream, BUFFER_ROWS)
+            rows = self._expected.get(stream, EXPECTED_ROWS)
             self._streams[stream] = Stream(self._file["streams"], stream, rows)
         self._streams[stream].declare(name, tuple(shape), np.dtype(dtype), unit, description)
 
@@ -246,29 +248,30 @@ class ResultsWriter:
         self._file.flush()
         self._file.swmr_mode = True
 
-    def append(self, stream: str, time: float, values: Mapping[str, ArrayLike | Dealt]) -> None:
-        """Add one record to a stream; a record with distributed arrays is written immediately.
+    def append(self, stream: str, time: float, values: _Row, *, flush: bool = True) -> None:
+        """Add one record to a stream; readers see it after the next flush.
 
         Args:
             stream: Name of the stream.
             time: Time of the record [s], later than the previous one.
-            values: Values by name; they are copied.
+            values: Values by name; they are copied. Distributed arrays are written immediately.
+            flush: Flush all streams if rows have been in memory for the flush interval.
         """
         self._streams[stream].append(float(time), values)
-        if self.due:
+        if not self._streams[stream].room:
+            self._write_values([self._streams[stream]])
+        if flush and self.due:
             self.flush()
-        elif self._streams[stream].full:
-            self._flush_streams([self._streams[stream]])
 
     def extend(self, times: Sequence[float], values: Mapping[str, Mapping[str, Any]]) -> None:
-        """Write records of the same times: ``values`` are arrays by stream and name, (times, ...).
+        """Add records of the same times: ``values`` are arrays by stream and name, (times, ...).
 
-        All appended rows are also written.
+        Readers see them after the next flush.
         """
-        self._flush_streams(self._streams[stream] for stream in values)
         for stream, rows in values.items():
+            if self._streams[stream].room < len(times):
+                self._write_values([self._streams[stream]])
             self._streams[stream].extend(times, rows)
-        self.flush()
 
     @property
     def due(self) -> bool:
@@ -276,9 +279,16 @@ class ResultsWriter:
         return clock.process_time() - self._flushed_at >= self._flush_interval
 
     def flush(self) -> None:
-        """Write all appended rows to the file."""
-        self._flush_streams(self._streams.values())
+        """Write all rows to the file; readers see the same records of all streams."""
         self._flushed_at = clock.process_time()
+        self._write_values(self._streams.values())
+        complete = [stream for stream in self._streams.values() if stream.written]
+        if not complete:
+            return
+        self._file.flush()
+        for stream in complete:
+            stream.write_times()
+        self._file.flush()
 
     def to_disk(self) -> None:
         """Write all appended rows to the file, and wait until they are on the disk."""
@@ -311,7 +321,8 @@ class ResultsWriter:
             if not self._finished:
                 self.finish("stopped", {})
 
-    def _flush_streams(self, streams: Iterable[Stream]) -> None:
+    def _write_values(self, streams: Iterable[Stream]) -> None:
+        """Write the values of all rows, without their times, which make them visible."""
         waiting = [stream for stream in streams if stream.waiting]
         if not waiting:
             return
@@ -321,11 +332,8 @@ class ResultsWriter:
             for stream in waiting:
                 stream.drop()
             raise
-        pending = [(stream, stream.write_values()) for stream in waiting]
-        self._file.flush()
-        for stream, times in pending:
-            stream.write_time(times)
-        self._file.flush()
+        for stream in waiting:
+            stream.write_values()
 
     def _check_declaration(self, name: str) -> None:
         if not all(map(is_plain_name, name.split("/"))):

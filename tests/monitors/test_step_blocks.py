@@ -36,7 +36,7 @@ class EachStep(dj.ResultsMonitor):
 
     def record(self, record):
         super().record(record)
-        self._extend(self._series.take())
+        self._extend(self._series.take(), flush=True)
 
 
 class Copier(Monitor):
@@ -148,14 +148,18 @@ def test_a_run_that_fails_has_all_rows_before(comm, wall_file, read, new_path, m
 def test_rows_are_in_the_file_when_they_are_due(
     comm, wall_file, read, new_path, monkeypatch, due, rows
 ):
-    # Step 3 is the fourth row. The first row is written at the start of the run.
+    # Step 3 is the fourth row. The first row is written at the start of the run. The buffer of the
+    # states is full in step 2; a reader must not see states without the steps up to them.
     monkeypatch.setattr(ResultsWriter, "due", due)
+    monkeypatch.setattr("dolfinx_joints.results.stream._BUFFER_ROWS", 2)
     path, copy = new_path("run.h5"), new_path("killed.h5")
-    monitor = dj.ResultsMonitor(path, points=POINTS, resultants=True)
+    monitor = dj.ResultsMonitor(path, points=POINTS, resultants=True, every=1)
     shake(read(wall_file()), [monitor, Copier(path, copy, 3)])
 
     def look():
         assert {len(values) for values in rows_of(copy).values()} == {rows}
+        with dj.Results(copy) as results:
+            assert results.rows("states") == rows
         assert {len(values) for values in rows_of(path).values()} == {STEPS + 1}
 
     on_root(comm, look)

@@ -135,7 +135,8 @@ def _tables(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
     if any(not np.isnan(value) for stage in static_stages for value in stage.stresses.values()):
         head = ["stage", *(f"{name.replace('_', ', ')} [MPa]" for name in names)]
         pieces.append(table(f"Static stresses, tension > 0 ({run.label})", head, rows))
-    return pieces + _energies(run, static_stages) + [paragraph(text) for text in jump_warnings(run)]
+    jumps = [paragraph(f"{run.label}: {text}") for text in jump_warnings(run)]
+    return [*pieces, *_energies(run, static_stages), *jumps]
 
 
 def _energies(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
@@ -174,6 +175,6 @@ def _by_column(energy: StageEnergy) -> dict[str, float]:
 def jump_warnings(run: Run) -> list[str]:
     """Return a warning for each static stage of a run in which the structure jumps."""
     return [
-        f"{run.label}: the structure jumps in the static stage {name!r}: {'; '.join(jumps)}."
+        f"the structure jumps in the static stage {name!r}: {'; '.join(jumps)}."
         for name, jumps in stage_jumps(run.results).items()
     ]

@@ -1,0 +1,167 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Curves in stacked panels: data and layout for plotly, and the picture of the same data."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from html import escape, unescape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dolfinx_joints.common.arrays import Floats
+from dolfinx_joints.postprocessing.palette import RUNS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Curve = tuple[str, ArrayLike, ArrayLike]  # name, abscissas, ordinates
+
+_STYLES: tuple[dict[str, Any], ...] = (
+    {"width": 2.2},
+    {"width": 1.2},
+    {"width": 1.4, "dash": "dash"},
+    {"width": 1.4, "dash": "dot"},
+    {"width": 1.4, "dash": "dashdot"},
+    {"width": 1.4},
+    {"width": 1.4, "dash": "dash"},
+    {"width": 1.4, "dash": "dot"},
+)
+_SHOWN = 2  # number of runs that are visible at first
+_DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}  # matplotlib's of plotly's
+
+
+def floats(values: ArrayLike) -> dict[str, str]:
+    """Return an array for the page's script, in single precision."""
+    return {"f4": base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()}
+
+
+def integers(values: ArrayLike) -> dict[str, str]:
+    """Return an array of integers for the page's script."""
+    return {"i4": base64.b64encode(np.ascontiguousarray(values, dtype="<i4").tobytes()).decode()}
+
+
+def panels(
+    curves: Sequence[Sequence[Curve]],
+    ordinates: Sequence[str],
+    abscissa: str,
+    *,
+    limit: float | None = None,
+    logarithmic: bool = False,
+    shown: int = _SHOWN,
+    shaded: tuple[float, float] | None = None,
+) -> dict[str, Any]:
+    """Return stacked panels with a common abscissa; a curve's name determines its colour.
+
+    ``ordinates`` and ``abscissa`` are axis titles with units, ``limit`` is the end of the abscissa,
+    ``shown`` is the number of names visible at first, ``shaded`` is a range of the abscissa.
+    """
+    names = list(dict.fromkeys(name for panel in curves for name, _, _ in panel))
+    count = len(curves)
+    height = 1.0 / count
+    layout: dict[str, Any] = {
+        "height": 90 + 220 * count,
+        "margin": {"l": 70, "r": 45, "t": 40, "b": 55},
+        "modebar": {"orientation": "v"},
+        "paper_bgcolor": "#fff",
+        "plot_bgcolor": "#fff",
+        "hovermode": "x",
+        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
+        "xaxis": {
+            "title": {"text": abscissa},
+            "anchor": "y" if count == 1 else f"y{count}",
+            **_axis(),
+        },
+    }
+    if limit is not None:
+        layout["xaxis"]["range"] = [0.0, limit]
+    if logarithmic:
+        layout["xaxis"]["type"] = "log"
+    if shaded is not None:
+        where = {"x0": shaded[0], "x1": shaded[1], "y0": 0.0, "y1": 1.0, "yref": "paper"}
+        style = {"fillcolor": "#ececec", "line": {"width": 0}, "layer": "below"}
+        layout["shapes"] = [{"type": "rect", "xref": "x", **where, **style}]
+    data = []
+    for row, (panel, ordinate) in enumerate(zip(curves, ordinates, strict=True)):
+        number = "" if row == 0 else str(row + 1)
+        top = 1.0 - row * height
+        layout[f"yaxis{number}"] = {
+            "title": {"text": ordinate},
+            "domain": [top - 0.9 * height, top],
+            **_axis(),
+        }
+        for name, x, y in panel:
+            place = names.index(name)
+            data.append(_trace(name, x, y, place, f"y{number}", first=row == 0, shown=shown))
+    return {"data": data, "layout": layout}
+
+
+def picture(spec: dict[str, Any]) -> Figure:
+    """Return a figure of the data and layout of `panels`, with the hidden curves."""
+    from dolfinx_joints.postprocessing.axes import decorate, new_figure, plain_periods
+
+    layout, lines = spec["layout"], {}
+    abscissa = layout["xaxis"]
+    ordinates = [axis["title"]["text"] for key, axis in layout.items() if key.startswith("yaxis")]
+    figure = new_figure(figsize=(6.7, 0.9 + 1.1 * len(ordinates)), layout="constrained")
+    axes = figure.subplots(len(ordinates), sharex=True, squeeze=False)[:, 0]
+    for trace in spec["data"]:
+        ax, line = axes[int(trace["yaxis"][1:] or 1) - 1], trace["line"]
+        style = {"color": line["color"], "linewidth": 0.6 * line["width"]}
+        style["linestyle"] = _DASHES[line.get("dash", "solid")]
+        (drawn,) = ax.plot(_unpacked(trace["x"]), _unpacked(trace["y"]), **style)
+        if trace["showlegend"]:
+            lines[unescape(trace["name"]).replace("$", r"\$")] = drawn
+    for number, (ax, ordinate) in enumerate(zip(axes, ordinates, strict=True), 1):
+        decorate(ax, abscissa["title"]["text"] if ax is axes[-1] else "", ordinate)
+        ax.yaxis.label.set(text=ordinate.replace(" [", "\n["), fontsize="small")
+        ax.set_ylim(layout[f"yaxis{number if number > 1 else ''}"].get("range"))
+        for shape in layout.get("shapes", ()):
+            ax.axvspan(shape["x0"], shape["x1"], color=shape["fillcolor"], zorder=0)
+    axes[-1].set(xscale=abscissa.get("type", "linear"), xlim=abscissa.get("range"))
+    axes[-1].margins(x=0.0)
+    if "type" in abscissa:
+        plain_periods(axes[-1])
+    figure.align_ylabels()
+    figure.legend(
+        lines.values(), lines, loc="outside upper left", ncols=4, fontsize="small", frameon=False
+    )
+    return figure
+
+
+def _unpacked(packed: dict[str, str]) -> Floats:
+    """Return an array of `floats`."""
+    return np.frombuffer(base64.b64decode(packed["f4"]), dtype="<f4").astype(float)
+
+
+def _trace(
+    name: str, x: ArrayLike, y: ArrayLike, place: int, axis: str, *, first: bool, shown: int
+) -> dict[str, Any]:
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": escape(name, quote=False),
+        "legendgroup": name,
+        "showlegend": first,
+        "visible": True if place < shown else "legendonly",
+        "x": floats(np.asarray(x)),
+        "y": floats(np.asarray(y)),
+        "xaxis": "x",
+        "yaxis": axis,
+        "line": {"color": RUNS[place % len(RUNS)], **_STYLES[place % len(_STYLES)]},
+        "hovertemplate": "%{y:.4g}",
+    }
+
+
+def _axis() -> dict[str, Any]:
+    return {
+        "gridcolor": "#e3e3e3",
+        "zerolinecolor": "#999",
+        "linecolor": "#999",
+        "ticks": "outside",
+        "exponentformat": "power",
+        "automargin": True,
+    }

@@ -139,8 +139,10 @@ def _check_packages(*packages: str) -> None:
     for package in packages:
         try:
             __import__(package)
-        except (ImportError, OSError) as error:  # OSError without a library of WeasyPrint
+        except ImportError as error:
             raise ResultsError(f"Reports need {package}, which is not installed.") from error
+        except OSError as error:  # WeasyPrint without Pango
+            raise ResultsError(f"Reports need {package}, which cannot be loaded: {error}") from error
 
 
 @contextmanager

@@ -147,7 +147,9 @@ class Tables(HTMLParser):
 
 def captions(html: str) -> list[str]:
     """Return the captions of the figures of a page, whose numbers follow each other."""
-    found = re.findall(r'<figcaption id="figure-(\d+)"><b>Figure (\d+)\.</b> (.*?)</figcaption>', html)
+    found = re.findall(
+        r'<figcaption id="figure-(\d+)"><b>Figure (\d+)\.</b> (.*?)</figcaption>', html
+    )
     assert [(n, m) for n, m, _ in found] == [(str(n), str(n)) for n in range(1, len(found) + 1)]
     assert html.count("<figcaption") == len(found)
     return [text for *_, text in found]

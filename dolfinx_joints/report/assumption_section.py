@@ -78,9 +78,7 @@ def _assumed(run: Run) -> Iterator[str]:
     kind, values = parsed(made.get("damping"))
     if kind == "Rayleigh":
         factors = [
-            f"{plain(values[name])} {unit}"
-            for name, unit in _RAYLEIGH.items()
-            if values.get(name)
+            f"{plain(values[name])} {unit}" for name, unit in _RAYLEIGH.items() if values.get(name)
         ]
         yield f"Damping is {' plus '.join(factors) or 'zero'}."
     elif kind == "ModalRatios":

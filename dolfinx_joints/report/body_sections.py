@@ -87,7 +87,11 @@ def stresses(content: Content) -> Section:
     if not runs:
         return nothing("stresses", title, "stress envelopes")
     extremes = [measures.stress_extremes(run.results) for run in runs]
-    rows = [[name.replace("_", ", "), *(1e-6 * e[name] for e in extremes)] for name in extremes[0]]
+    rows = [
+        [name.replace("_", ", "), *(1e-6 * e[name] for e in extremes)]
+        for name in extremes[0]
+        if not all(np.isnan(e[name]) for e in extremes)
+    ]
     head = ["[MPa]", *(run.label for run in runs)]
     run = content.main if content.main in runs else runs[0]
     where = "in the body" if run.plane else "at the boundary"

@@ -56,7 +56,9 @@ def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
         axes = _AXES[len(components(runs))]
         pieces.append(paragraph(f"{JOINT_NOTE} Coordinates are {axes}", "note"))
     warnings = [
-        (run.label, text) for run in content.runs for text in (*doubts(run), *_unresolved(run, band))
+        (run.label, text)
+        for run in content.runs
+        for text in (*doubts(run), *_unresolved(run, band))
     ]
     pieces.append(heading("Warnings"))
     pieces.append(bullets(grouped(warnings) or ["None."]))

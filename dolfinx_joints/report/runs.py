@@ -25,7 +25,9 @@ from dolfinx_joints.results.reader import Results
 
 _ENDINGS = (".h5", ".hdf5")
 _UNITS = "%|(?:Hz|mm|m|s|[kMG]?J|[kMG]?Pa|[kM]?N)\\b"
-_VARYING = re.compile(rf"'[^']*'|(?<![\w.])[-−]?\d+(?:\.\d+)?(?:e[-−+]?\d+)?(?![\w])(?: ?(?:{_UNITS}))?")
+_VARYING = re.compile(
+    rf"'[^']*'|(?<![\w.])[-−]?\d+(?:\.\d+)?(?:e[-−+]?\d+)?(?![\w])(?: ?(?:{_UNITS}))?"
+)
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,9 @@ def _with_pictures(section: Section, content: Content) -> Section:
         caption = f"{run.label} at t = {time:.3f} s, displacements enlarged {scale:g} times."
         png = content.save(f"space_{number}", drawn)
         pictures.append(figure([content.drawings.picture(png, caption)], caption))
-    shown = re.sub('<figure id="scene">.*?</figure>', lambda _: "".join(pictures), pieces, flags=re.S)
+    shown = re.sub(
+        '<figure id="scene">.*?</figure>', lambda _: "".join(pictures), pieces, flags=re.S
+    )
     return replace(section, pieces=[Html(shown)])
 
 
@@ -142,7 +144,9 @@ def _check_packages(*packages: str) -> None:
         except ImportError as error:
             raise ResultsError(f"Reports need {package}, which is not installed.") from error
         except OSError as error:  # WeasyPrint without Pango
-            raise ResultsError(f"Reports need {package}, which cannot be loaded: {error}") from error
+            raise ResultsError(
+                f"Reports need {package}, which cannot be loaded: {error}"
+            ) from error
 
 
 @contextmanager

@@ -99,9 +99,13 @@ def test_pictures_show_the_data_of_the_plots(
     """Each plot of the page has a picture with the curves, axes and names of the plot."""
     html, runs = two
     drawn = {}
-    monkeypatch.setattr(Drawings, "save", lambda _, name, figure, dpi=0: drawn.update({name: figure}))
+    monkeypatch.setattr(
+        Drawings, "save", lambda _, name, figure, dpi=0: drawn.update({name: figure})
+    )
     monkeypatch.setattr(Drawings, "picture", lambda *_: Html(""))
-    content = Content([Run(r, n) for n, r in runs.items()], Drawings(Path(), printed=True), *[None] * 2)  # type: ignore[arg-type]
+    content = Content(
+        [Run(r, n) for n, r in runs.items()], Drawings(Path(), printed=True), *[None] * 2
+    )  # type: ignore[arg-type]
     for make in (response_sections.displacements, response_sections.response_spectra):
         make(content)
     assert set(drawn) == {f"{k}-{n}" for k in ("history", "fourier", "response") for n in (1, 2)}
@@ -247,7 +251,9 @@ def test_curves_are_those_of_the_file(two: tuple[str, dict[str, Results]]) -> No
     shown_captions = captions(html)
     counts = (
         sum(text.startswith("Pseudo-acceleration of") for text in shown_captions),
-        sum(f"Accelerations are {named}; unresolved periods are" in text for text in shown_captions),
+        sum(
+            f"Accelerations are {named}; unresolved periods are" in text for text in shown_captions
+        ),
     )
     assert counts == (len(POINTS), len(POINTS))
     for number, point in enumerate(POINTS, 1):

@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from html import unescape
 from typing import Any
 
 from dolfinx_joints.postprocessing import measures
@@ -51,7 +53,7 @@ def assumptions(content: Content, sections: Sequence[Section]) -> Section:
     excluded = [(run.label, text) for run in content.runs for text in _excluded(run)]
     missing = [f"{s.title}: the files have no {s.missing}." for s in sections if not s.pieces]
     pieces = [
-        bullets([_SMALL, *grouped(assumed, labels), *_criteria(content, sections)]),
+        bullets([_SMALL, *grouped(assumed, labels), *_criteria(sections)]),
         heading("Not covered"),
         bullets([*grouped(excluded, labels), *missing] or ["Nothing is known to be missing."]),
     ]
@@ -63,7 +65,7 @@ def _assumed(run: Run) -> Iterator[str]:
     made = run.results.metadata.get("manifest") or {}
     body, settings = made.get("body") or {}, made.get("settings") or {}
     if "mesh/surface" in run.results.statics:
-        state = f" in plane {body['plane']}" if body.get("plane") else ""
+        state = f", in plane {body['plane']}" if body.get("plane") else ""
         yield f"The model is plane{state}." if run.plane else "The model is three-dimensional."
     for kind, groups in _by_kind(made.get("material", {})).items():
         where = "" if groups == ["all"] else f" of {', '.join(groups)}"
@@ -133,11 +135,11 @@ def _excluded(run: Run) -> Iterator[str]:
         yield "The errors of time step and mesh are not estimated (dj.accuracy)."
 
 
-def _criteria(content: Content, sections: Iterable[Section]) -> list[str]:
+def _criteria(sections: Sequence[Section]) -> list[str]:
     """Return the sentence on the criteria of the checks, if there are checks."""
-    if not any(section.name == "checks" and section.pieces for section in sections):
-        return []
-    return ["The checks compare recorded values with the limits in their tables; see their note."]
+    pieces = "".join(piece for s in sections if s.name == "checks" for piece in s.pieces)
+    tables = [reference(unescape(found)) for found in re.findall("<caption>([^<]*)<", pieces)]
+    return [f"Criteria, their limits and sources are in {', '.join(tables)}."] if tables else []
 
 
 def _by_kind(things: Mapping[str, Any]) -> dict[str, list[str]]:

@@ -74,7 +74,7 @@ class Drawings:
 
     def plot(self, name: str, spec: dict[str, Any], caption: str) -> Html:
         """Return an interactive plot with a link to its picture, or the picture if printed."""
-        png = self.save(name, panels_picture(spec))
+        png = self.save(name, panels_picture(spec), 150 if self.printed else 90)
         if self.printed:
             return figure([self.picture(png, caption)], caption)
         self.plots[name] = spec
@@ -173,8 +173,9 @@ def table(caption: str, head: Sequence[Cell], rows: Sequence[Sequence[Cell]]) ->
         for cell, kind in zip(head, kinds, strict=True)
     )
     body = "".join(_row(row, kinds) for row in rows)
+    start = _scrolling(caption, "many" if len(head) > _MANY else "")
     return Html(
-        f"{_scrolling(caption, 'many' if len(head) > _MANY else '')}<table><caption>{text(caption)}</caption>"
+        f"{start}<table><caption>{text(caption)}</caption>"
         f"<thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import logging
 import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -54,7 +53,7 @@ def write(
         dam: Name of the dam, the title; by default the names of the runs.
         client: Client on the title page.
         author: Author on the title page.
-        date: Date on the title page; no date by default, so that equal input gives equal reports.
+        date: Date on the title page; no date by default, so that equal input gives equal pages.
 
     Returns:
         The path of the file.
@@ -133,7 +132,6 @@ def _print(html: str, path: Path) -> None:
     """Write a page to a PDF file."""
     from weasyprint import HTML
 
-    logging.getLogger("weasyprint").setLevel(logging.ERROR)  # it warns of rules for screens
     HTML(string=html).write_pdf(path)
 
 

@@ -104,7 +104,7 @@ def report(
 
 
 def agree(shown: float, other: float, factor: float = 1.0) -> None:
-    """Assert that two numbers of four digits differ by their rounding, the second times a factor."""
+    """Assert that two numbers of four digits, one times a factor, differ by rounding."""
     units = (10.0 ** (np.floor(np.log10(abs(value))) - 3) for value in (shown, other))
     unit, other_unit = units
     assert abs(shown - factor * other) <= 0.501 * (unit + abs(factor) * other_unit)

@@ -32,14 +32,7 @@ _LAWS = {
     "ShearKeyJoint": "rub and have shear keys, whose teeth can shear off",
     "ViscousJoint": "have dashpots that act while they are closed",
 }
-_ADDED = {
-    "WestergaardMass": "moves with the face as Westergaard's added mass",
-    "ReservoirMass": "moves with the face as added mass of a reservoir of constant section",
-}
-_RAYLEIGH = {
-    "mass_factor": "1/s times the mass",
-    "stiffness_factor": "s times the stiffness of the body without joints",
-}
+_RAYLEIGH = {"mass_factor": "1/s times M", "stiffness_factor": "s times K of the body"}
 _LIMITS = ("Ten steps per period", "Ten nodes per shear wavelength")  # of `Resolved`
 _WAVES = {"ViscousBoundary", "FreeField", "ObliqueFreeField"}  # boundaries that absorb waves
 _DRY = {"Gravity", "Temperature", "FreeField", "ObliqueFreeField"}
@@ -52,11 +45,9 @@ def assumptions(content: Content, sections: Sequence[Section]) -> Section:
     assumed = [(run.label, text) for run in content.runs for text in _assumed(run)]
     excluded = [(run.label, text) for run in content.runs for text in _excluded(run)]
     missing = [f"{s.title}: the files have no {s.missing}." for s in sections if not s.pieces]
-    pieces = [
-        bullets([_SMALL, *grouped(assumed, labels), *_criteria(sections)]),
-        heading("Not covered"),
-        bullets([*grouped(excluded, labels), *missing] or ["Nothing is known to be missing."]),
-    ]
+    pieces = [bullets([_SMALL, *grouped(assumed, labels), *_criteria(sections)])]
+    if excluded or missing:
+        pieces += [heading("Not covered"), bullets([*grouped(excluded, labels), *missing])]
     return Section("assumptions", "Assumptions and limits", pieces)
 
 
@@ -79,10 +70,8 @@ def _assumed(run: Run) -> Iterator[str]:
         yield "The body has no joints."
     kind, values = parsed(made.get("damping"))
     if kind == "Rayleigh":
-        factors = [
-            f"{plain(values[name])} {unit}" for name, unit in _RAYLEIGH.items() if values.get(name)
-        ]
-        yield f"Damping is {' plus '.join(factors) or 'zero'}."
+        terms = [f"{plain(values[n])} {unit}" for n, unit in _RAYLEIGH.items() if values.get(n)]
+        yield f"Rayleigh damping is {' plus '.join(terms) or 'zero'}."
     elif kind == "ModalRatios":
         yield "Damping is given by ratios of the lowest modes with closed joints."
     fixed = [values for kind, values in map(parsed, made.get("supports", [])) if kind == "Fixed"]
@@ -95,11 +84,11 @@ def _assumed(run: Run) -> Iterator[str]:
         yield f"The loads are {', '.join(kinds)} ({reference('Loads')})."
     for added in made.get("added_mass", []):
         kind, values = parsed(added)
-        yield f"Water at {values.get('group')} {_ADDED.get(kind, f'acts as {kind}')}."
+        yield f"Water at {values.get('group')} acts as added mass ({kind})."
     if made.get("reservoir"):
         yield f"Waves in the reservoir are computed ({parsed(made['reservoir'])[0]})."
     if settings.get("ground motion") and run.results.relative:
-        yield f"The ground moves by {settings['ground motion']}, at all supports alike."
+        yield f"The ground moves by {settings['ground motion']}, the same at all supports."
     if "time step" in settings:
         scheme = parsed(settings.get("time scheme"))[0]
         yield f"Time steps are {plain(settings['time step'])} s, with the scheme {scheme}."

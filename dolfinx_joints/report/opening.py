@@ -55,11 +55,8 @@ def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
     if any(run.results.joints and run.has("states") for run in runs):
         axes = _AXES[len(components(runs))]
         pieces.append(paragraph(f"{JOINT_NOTE} Coordinates are {axes}", "note"))
-    warnings = [
-        (run.label, text)
-        for run in content.runs
-        for text in (*doubts(run), *_unresolved(run, band))
-    ]
+    texts = [(run.label, (*doubts(run), *_unresolved(run, band))) for run in content.runs]
+    warnings = [(label, text) for label, of_run in texts for text in of_run]
     pieces.append(heading("Warnings"))
     pieces.append(bullets(grouped(warnings) or ["None."]))
     pieces.append(paragraph(_BOUNDS, "note"))

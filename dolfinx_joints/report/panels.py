@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.postprocessing.palette import RUNS
 
 if TYPE_CHECKING:
@@ -20,16 +19,8 @@ if TYPE_CHECKING:
 
 Curve = tuple[str, ArrayLike, ArrayLike]  # name, abscissas, ordinates
 
-_STYLES: tuple[dict[str, Any], ...] = (
-    {"width": 2.2},
-    {"width": 1.2},
-    {"width": 1.4, "dash": "dash"},
-    {"width": 1.4, "dash": "dot"},
-    {"width": 1.4, "dash": "dashdot"},
-    {"width": 1.4},
-    {"width": 1.4, "dash": "dash"},
-    {"width": 1.4, "dash": "dot"},
-)
+_WIDTHS = (2.2, 1.2, *(1.4,) * 6)  # of lines, thick behind thin
+_LINES = ("solid", "solid", "dash", "dot", "dashdot", "solid", "dash", "dot")
 _SHOWN = 2  # number of runs that are visible at first
 _WIDTH, _LEFT = 6.7, 0.9  # of a picture and of the space at its left [inch]
 _COLUMNS = 4  # of a legend
@@ -117,9 +108,9 @@ def picture(spec: dict[str, Any]) -> Figure:
     axes = figure.subplots(len(ordinates), sharex=True, squeeze=False)[:, 0]
     for trace in spec["data"]:
         ax, line = axes[int(trace["yaxis"][1:] or 1) - 1], trace["line"]
-        style = {"color": line["color"], "linewidth": 0.6 * line["width"]}
-        style["linestyle"] = _DASHES[line.get("dash", "solid")]
-        (drawn,) = ax.plot(_unpacked(trace["x"]), _unpacked(trace["y"]), **style)
+        style = {"color": line["color"], "linestyle": _DASHES[line["dash"]]}
+        x, y = (np.frombuffer(base64.b64decode(trace[k]["f4"]), dtype="<f4") for k in "xy")
+        (drawn,) = ax.plot(x, y, linewidth=0.6 * line["width"], **style)
         if trace["showlegend"]:
             lines[unescape(trace["name"]).replace("$", r"\$")] = drawn
     for number, (ax, ordinate) in enumerate(zip(axes, ordinates, strict=True), 1):
@@ -139,14 +130,10 @@ def picture(spec: dict[str, Any]) -> Figure:
     return figure
 
 
-def _unpacked(packed: dict[str, str]) -> Floats:
-    """Return an array of `floats`."""
-    return np.frombuffer(base64.b64decode(packed["f4"]), dtype="<f4").astype(float)
-
-
 def _trace(
     name: str, x: ArrayLike, y: ArrayLike, place: int, axis: str, *, first: bool, shown: int
 ) -> dict[str, Any]:
+    style = {"width": _WIDTHS[place % 8], "dash": _LINES[place % 8]}
     return {
         "type": "scatter",
         "mode": "lines",
@@ -158,7 +145,7 @@ def _trace(
         "y": floats(np.asarray(y)),
         "xaxis": "x",
         "yaxis": axis,
-        "line": {"color": RUNS[place % len(RUNS)], **_STYLES[place % len(_STYLES)]},
+        "line": {"color": RUNS[place % len(RUNS)], **style},
         "hovertemplate": "%{y:.4g}",
     }
 

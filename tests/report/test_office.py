@@ -91,7 +91,7 @@ def test_assumptions_are_those_of_the_file(tmp_path):
     for text in (
         "The model is three-dimensional.",
         "The material is linear elastic and isotropic: it does not crack or yield.",
-        "Damping is 0.002 s times the stiffness of the body without joints.",
+        "Rayleigh damping is 0.002 s times K of the body.",
         "The displacement relative to the ground is zero at base.",
         "Time steps are 0.01 s, with the scheme EnergyConsistent.",
         "There is no load of water, no added mass and no reservoir.",
@@ -107,7 +107,7 @@ def test_assumptions_are_those_of_the_file(tmp_path):
         "b: The material of rock follows Mine.",
         "b: The material of dam is elastic and perfectly plastic with the limit of Drucker and "
         "Prager.",
-        "b: Water at upstream moves with the face as Westergaard's added mass.",
+        "b: Water at upstream acts as added mass (WestergaardMass).",
         "b: The water is incompressible: it has no waves.",
         "b: Water pressure does not act in the joints.",
         "Time steps are …, with the scheme EnergyConsistent. (a: 0.01 s; b: 0.02 s)",

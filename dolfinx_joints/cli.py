@@ -81,11 +81,12 @@ def _parser() -> Parser:
 
 
 def _report(options: Any) -> None:
-    """Write a report on one or several runs: one HTML file, and a folder of pictures."""
+    """Write a report on one or several runs: one HTML or PDF file, and a folder of pictures."""
     from dolfinx_joints import report
 
     atexit.register(gc.freeze)  # a search for garbage at exit takes 0.3 s
-    path = report.write(options.results, options.out, with_3d=not options.no_3d)
+    title = {name: getattr(options, name) for name in _TITLE}
+    path = report.write(options.results, options.out, with_3d=not options.no_3d, **title)
     folder = report.picture_folder(path)
     pictures = f", pictures in {folder}" if folder.is_dir() else ""
     print(f"{path}, {path.stat().st_size / 1e6:.1f} MB{pictures}")
@@ -163,13 +164,19 @@ _FLAG = {"action": "store_true"}
 _FILE = ("file", _path("FILE", "results file"))
 _FORCE = ("--force", _FLAG | {"help": "replace existing files"})
 _JOINTS = "joints to split (default: groups named joint...)"
+_REPORT = "HTML file, or PDF file if the name ends in .pdf (default report.html)"
+_TITLE = {
+    "dam": "name of the dam, the title (default: names of the runs)",
+    **{name: f"{name} on the title page" for name in ("client", "author", "date")},
+}
 _TOLERANCE = "largest difference, relative to the largest value of the quantity (default 1e-3)"
 # Arguments of each command with their options.
 _COMMANDS: dict[Callable[[Any], bool | None], tuple[tuple[str, dict[str, Any]], ...]] = {
     _report: (
         ("results", _path("RESULTS", "results files", nargs="+")),
-        ("--out", _path("FILE", "HTML file (default report.html)", default=Path("report.html"))),
+        ("--out", _path("FILE", _REPORT, default=Path("report.html"))),
         ("--no-3d", _FLAG | {"help": "omit the 3-D view and the pictures of the body"}),
+        *((f"--{name}", {"metavar": "TEXT", "help": text}) for name, text in _TITLE.items()),
     ),
     _split: (
         ("mesh", _path("MESH", "Gmsh .msh file")),

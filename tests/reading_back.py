@@ -46,9 +46,12 @@ def si(label: str, values: Any) -> np.ndarray:
     return UNITS[re.findall(r"\[(.*?)\]", label)[-1]] * np.asarray(values, dtype=float)
 
 
-def lines(ax: Any) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return x and y of the lines of matplotlib's axes, in SI, in the order drawn."""
-    x, y = ax.get_xlabel(), ax.get_ylabel()
+def lines(ax: Any, below: Any = None) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return x and y of the lines of matplotlib's axes, in SI, in the order drawn.
+
+    The lowest of stacked axes, ``below``, has the label of x.
+    """
+    x, y = (below or ax).get_xlabel(), ax.get_ylabel()
     return [(si(x, line.get_xdata()), si(y, line.get_ydata())) for line in ax.get_lines()]
 
 
@@ -140,6 +143,16 @@ class Tables(HTMLParser):
         assert len(matches) == 1, (row, words, matches)
         ((label, cell),) = matches
         return float(si(label, number(cell)))
+
+
+def captions(html: str) -> list[str]:
+    """Return the captions of the figures of a page, whose numbers follow each other."""
+    found = re.findall(
+        r'<figcaption id="figure-(\d+)"><b>Figure (\d+)\.</b> (.*?)</figcaption>', html
+    )
+    assert [(n, m) for n, m, _ in found] == [(str(n), str(n)) for n in range(1, len(found) + 1)]
+    assert html.count("<figcaption") == len(found)
+    return [text for *_, text in found]
 
 
 def curves(html: str, plot: str) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:

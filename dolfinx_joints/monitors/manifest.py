@@ -57,6 +57,7 @@ def manifest(
         "system": platform.platform(),
         "command": sys.argv[:50],
         "mesh_sha256": mesh_sha256,
+        "body": _body(model),
         "material": {name or "all": as_json(m) for name, m in model.body.materials.items()},
         "joint_laws": {name: as_json(law) for name, law in laws.items()},
         "loads": [as_json(load) for load in model.loads],
@@ -69,6 +70,14 @@ def manifest(
         "settings": {name: as_json(value) for name, value in settings.items()},
         "petsc_options": dict(PETSc.Options().getAll()),
     }
+
+
+def _body(model: Model) -> dict[str, Any]:
+    """Return the degree of the elements, and in 2-D whether the model is in plane strain."""
+    degree = {"degree": model.V.ufl_element().degree}
+    if model.gdim == 3:
+        return degree
+    return degree | {"plane": "stress" if model.body.strained_axes == 2 else "strain"}
 
 
 def _acting(model: Model, stage: StageRecord) -> str:

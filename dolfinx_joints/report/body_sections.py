@@ -92,7 +92,11 @@ def stresses(content: Content) -> Section:
         empty = nothing("stresses", title, "stress envelopes")
         return Section("stresses", title, crosses) if crosses else empty
     extremes = [measures.stress_extremes(run.results) for run in runs]
-    rows = [[name.replace("_", ", "), *(1e-6 * e[name] for e in extremes)] for name in extremes[0]]
+    rows = [
+        [name.replace("_", ", "), *(1e-6 * e[name] for e in extremes)]
+        for name in extremes[0]
+        if not all(np.isnan(e[name]) for e in extremes)
+    ]
     head = ["[MPa]", *(run.label for run in runs)]
     run = content.main if content.main in runs else runs[0]
     where = "in the body" if run.plane else "at the boundary"

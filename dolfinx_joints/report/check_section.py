@@ -15,7 +15,9 @@ from dolfinx_joints.report.runs import Content, nothing
 
 _NOTE = (
     "Default limits are the linear criteria of USACE EM 1110-2-6053 (2007) and of Y. Ghanaat and "
-    "A. Chudgar; check them against the edition that applies."
+    "A. Chudgar; check them against the edition that applies. Stresses are those of the "
+    "cell groups with joints, at vertices with a strength; other tables of stresses cover all "
+    "recorded vertices."
 )
 
 

@@ -26,7 +26,14 @@ from dolfinx_joints.report.page import (
     table,
     valued,
 )
-from dolfinx_joints.report.runs import Content, Run, components, largest_moment, zeros
+from dolfinx_joints.report.runs import (
+    Content,
+    Run,
+    components,
+    grouped,
+    largest_moment,
+    zeros,
+)
 from dolfinx_joints.report.static_section import gaps_note, jump_warnings
 from dolfinx_joints.results.quantities import ENERGY_TERMS
 from dolfinx_joints.results.resolved import beyond
@@ -56,9 +63,10 @@ def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
         axes = _AXES[len(components(runs))]
         note = JOINT_NOTE.format(zero=common_frame({r.label: zero_name(r.results) for r in runs}))
         pieces.append(paragraph(f"{note} Coordinates are {axes}", "note"))
-    warnings = [text for run in content.runs for text in (*doubts(run), *_unresolved(run, band))]
+    texts = [(run.label, (*doubts(run), *_unresolved(run, band))) for run in content.runs]
+    warnings = [(label, text) for label, of_run in texts for text in of_run]
     pieces.append(heading("Warnings"))
-    pieces.append(bullets(warnings or ["None."]))
+    pieces.append(bullets(grouped(warnings) or ["None."]))
     pieces.append(paragraph(_BOUNDS, "note"))
     return [Html(f'<div class="opening">{"".join(pieces)}</div>')]
 
@@ -80,26 +88,22 @@ def alerts(runs: Sequence[Run]) -> list[Html]:
 
 
 def doubts(run: Run) -> list[str]:
-    """Return the warnings of a run."""
-    warnings = [] if run.results.complete else [ending(run)]
+    """Return the warnings of a run, without its label."""
+    warnings = [] if run.results.complete else [ending(run).removeprefix(f"{run.label} ")]
     summary = run.results.summary
     energy, local = (float(summary.get(k) or 0.0) for k in ("energy_error", "local_error"))
     if energy > LARGE_ENERGY_ERROR:
-        warnings.append(f"{run.label}: the energy error is {energy:.2%} of the largest energy.")
+        warnings.append(f"the energy error is {energy:.2%} of the largest energy.")
     if local > LARGE_LOCAL_ERROR:
-        warnings.append(
-            f"{run.label}: the error of a single step is {local:.2%} of the largest displacement."
-        )
-    warnings += [*jump_warnings(run), *_loss_warnings(run)]
-    recorded = summary.get("warnings", [])
-    return warnings + [f"{run.label}: {text}" for text in recorded]
+        warnings.append(f"the error of a single step is {local:.2%} of the largest displacement.")
+    return [*warnings, *jump_warnings(run), *_loss_warnings(run), *summary.get("warnings", [])]
 
 
 def _unresolved(run: Run, band: float) -> list[str]:
     """Return a warning if accelerations are shown at frequencies that the run does not resolve."""
     shown = run.moves and run.has("histories", "acceleration")
     text = beyond(band, measures.resolved_frequencies(run.results)) if shown else ""
-    return [f"{run.label}: {text}"] if text else []
+    return [text] if text else []
 
 
 def _loss_warnings(run: Run) -> list[str]:
@@ -115,7 +119,7 @@ def _loss_warnings(run: Run) -> list[str]:
     for joint, (friction, lost) in joint_losses(run.results).items():
         if abs(lost) > LARGE_ENERGY_ERROR * max(friction, 0.02 * largest):
             warnings.append(
-                f"{run.label}: in {joint} the time scheme {'lost' if lost > 0.0 else 'gained'} "
+                f"in {joint!r} the time scheme {'lost' if lost > 0.0 else 'gained'} "
                 f"{plain(1e-3 * abs(lost))} kJ, and friction dissipated "
                 f"{plain(1e-3 * friction)} kJ. Use a smaller time step."
             )
@@ -206,7 +210,7 @@ def _stress(name: EnvelopeName) -> Callable[[Run], Cell]:
 
 def _energy_error(run: Run) -> Cell:
     value = run.results.summary.get("energy_error")
-    return None if value is None else valued(float(value), "of the largest energy")
+    return None if value is None else valued(100.0 * float(value), "of the largest energy")
 
 
 _SINCE = "since the first record"
@@ -221,7 +225,7 @@ def _rows(band: float, runs: Sequence[Run]) -> Sequence[tuple[str, Callable[[Run
         (acceleration, partial(_crest_acceleration, band=band)),
         (f"largest tension {_SINCE} [MPa]", _stress("principal_max")),
         (f"largest compression {_SINCE} [MPa]", _stress("principal_min")),
-        ("energy error", _energy_error),
+        ("energy error [%]", _energy_error),
     )
 
 
@@ -236,7 +240,7 @@ def _joints(run: Run) -> Html:
         if not np.isnan(safety.value):
             least = valued(safety.value, f"{bar}{plain(safety.time)} s")
         rows.append([joint, *moved, least])
-    head = ["joint", "largest opening [mm]", "largest slip [mm]", "smallest safety"]
+    head = ["joint", "largest opening [mm]", "largest slip [mm]", "smallest safety [-]"]
     return table(f"Joints ({run.label})", head, rows)
 
 

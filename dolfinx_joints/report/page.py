@@ -13,32 +13,28 @@ import functools
 import gzip
 import hashlib
 import json
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from dolfinx_joints.postprocessing.palette import RUNS
+from dolfinx_joints.report.panels import Curve as Curve
+from dolfinx_joints.report.panels import floats as floats
+from dolfinx_joints.report.panels import integers as integers
+from dolfinx_joints.report.panels import panels as panels
+from dolfinx_joints.report.panels import picture as panels_picture
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_MANY = 10  # columns, beyond which a table is small in print
 Cell = Any  # a number, a text, None, or HTML
-Curve = tuple[str, ArrayLike, ArrayLike]  # name, abscissas, ordinates
-
-_STYLES: tuple[dict[str, Any], ...] = (
-    {"width": 2.2},
-    {"width": 1.2},
-    {"width": 1.4, "dash": "dash"},
-    {"width": 1.4, "dash": "dot"},
-    {"width": 1.4, "dash": "dashdot"},
-    {"width": 1.4},
-    {"width": 1.4, "dash": "dash"},
-    {"width": 1.4, "dash": "dot"},
-)
-_SHOWN = 2  # number of runs that are visible at first
 
 
 class Html(str):
@@ -49,42 +45,53 @@ class Html(str):
 
 @dataclass(frozen=True)
 class Section:
-    """Section of a report: a heading with an anchor, and pieces of HTML."""
+    """Section of a report: a heading with an anchor, and pieces of HTML.
+
+    A section without pieces is left out, and the report states what is ``missing`` in the files.
+    """
 
     name: str
     title: str
     pieces: Sequence[Html]
+    missing: str = ""
 
 
 @dataclass
 class Drawings:
-    """Data drawn by the scripts of the page.
+    """Pictures, and data drawn by the scripts of the page.
 
     Attributes:
+        folder: Folder of the pictures, for links to them.
+        printed: True if the page is printed: pictures replace what scripts draw.
         plots: Data and layout for plotly, by the id of the HTML element.
         scene: Data of the 3-D view, one entry per run.
-        folder: Folder of the pictures, for links to them.
     """
 
     folder: Path
+    printed: bool = False
     plots: dict[str, dict[str, Any]] = field(default_factory=dict)
     scene: list[dict[str, Any]] = field(default_factory=list)
 
-    def plot(
-        self, name: str, spec: dict[str, Any], caption: str, pictures: Sequence[Path] = ()
-    ) -> Html:
-        """Return an interactive plot, with links to pictures of it."""
+    def plot(self, name: str, spec: dict[str, Any], caption: str) -> Html:
+        """Return an interactive plot with a link to its picture, or the picture if printed."""
+        png = self.save(name, panels_picture(spec), 150 if self.printed else 90)
+        if self.printed:
+            return figure([self.picture(png, caption)], caption)
         self.plots[name] = spec
         height = spec["layout"]["height"]
-        links = [
-            f'<a href="{text(f"{self.folder.name}/{p.name}")}">{text(p.name)}</a>' for p in pictures
-        ]
-        note = f" Pictures: {', '.join(links)}." if links else ""
+        link = f'<a href="{text(f"{self.folder.name}/{png.name}")}">{text(png.name)}</a>'
         return Html(
             f'<figure><div class="plot" id="{text(name)}" style="height:{height}px" role="img" '
-            f'aria-label="{text(caption)}"></div><figcaption>{text(caption)}{note}</figcaption>'
-            "</figure>"
+            f'aria-label="{text(caption)}"></div><figcaption>{text(caption)} Picture: {link}.'
+            "</figcaption></figure>"
         )
+
+    def save(self, name: str, drawn: Figure, dpi: int = 130) -> Path:
+        """Write a picture to the folder; return its path."""
+        from dolfinx_joints.postprocessing import plots
+
+        self.folder.mkdir(parents=True, exist_ok=True)
+        return plots.save(drawn, self.folder / f"{name}.png", dpi=dpi)
 
     def picture(self, png: Path, alt: str) -> Html:
         """Return a picture embedded in the page."""
@@ -166,108 +173,84 @@ def table(caption: str, head: Sequence[Cell], rows: Sequence[Sequence[Cell]]) ->
         for cell, kind in zip(head, kinds, strict=True)
     )
     body = "".join(_row(row, kinds) for row in rows)
+    start = _scrolling(caption, "many" if len(head) > _MANY else "")
     return Html(
-        f"{_scrolling(caption)}<table><caption>{text(caption)}</caption>"
+        f"{start}<table><caption>{text(caption)}</caption>"
         f"<thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 
 
-def floats(values: ArrayLike) -> dict[str, str]:
-    """Return an array for the page's script, in single precision."""
-    return {"f4": base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()}
+def reference(caption: str) -> str:
+    """Return a text that the page replaces by the number of the table or figure."""
+    return f"⟦{caption}⟧"
 
 
-def integers(values: ArrayLike) -> dict[str, str]:
-    """Return an array of integers for the page's script."""
-    return {"i4": base64.b64encode(np.ascontiguousarray(values, dtype="<i4").tobytes()).decode()}
+def numbered(html: str) -> str:
+    """Return HTML with numbered tables and figures, and their numbers instead of references."""
+    counts: Counter[str] = Counter()
+    links: dict[str, str] = {}
+
+    def number(match: re.Match[str]) -> str:
+        tag, caption = match.groups()
+        kind = "Table" if tag == "caption" else "Figure"
+        counts[kind] += 1
+        anchor = f"{kind.lower()}-{counts[kind]}"
+        links.setdefault(caption, f'<a href="#{anchor}">{kind} {counts[kind]}</a>')
+        return f'<{tag} id="{anchor}"><b>{kind} {counts[kind]}.</b> {caption}<'
+
+    html = re.sub("<(caption|figcaption)>([^<]*)<", number, html)
+    return re.sub("⟦(.*?)⟧", lambda match: links.get(match[1], match[0]), html)
 
 
-def panels(
-    curves: Sequence[Sequence[Curve]],
-    ordinates: Sequence[str],
-    abscissa: str,
-    *,
-    limit: float | None = None,
-    logarithmic: bool = False,
-    shown: int = _SHOWN,
-    shaded: tuple[float, float] | None = None,
-) -> dict[str, Any]:
-    """Return stacked panels with a common abscissa; a curve's name determines its colour.
-
-    ``ordinates`` and ``abscissa`` are axis titles with units, ``limit`` is the end of the abscissa,
-    ``shown`` is the number of names visible at first, ``shaded`` is a range of the abscissa.
-    """
-    names = list(dict.fromkeys(name for panel in curves for name, _, _ in panel))
-    count = len(curves)
-    height = 1.0 / count
-    layout: dict[str, Any] = {
-        "height": 90 + 220 * count,
-        "margin": {"l": 70, "r": 45, "t": 40, "b": 55},
-        "modebar": {"orientation": "v"},
-        "paper_bgcolor": "#fff",
-        "plot_bgcolor": "#fff",
-        "hovermode": "x",
-        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
-        "xaxis": {
-            "title": {"text": abscissa},
-            "anchor": "y" if count == 1 else f"y{count}",
-            **_axis(),
-        },
-    }
-    if limit is not None:
-        layout["xaxis"]["range"] = [0.0, limit]
-    if logarithmic:
-        layout["xaxis"]["type"] = "log"
-    if shaded is not None:
-        where = {"x0": shaded[0], "x1": shaded[1], "y0": 0.0, "y1": 1.0, "yref": "paper"}
-        style = {"fillcolor": "#ececec", "line": {"width": 0}, "layer": "below"}
-        layout["shapes"] = [{"type": "rect", "xref": "x", **where, **style}]
-    data = []
-    for row, (panel, ordinate) in enumerate(zip(curves, ordinates, strict=True)):
-        number = "" if row == 0 else str(row + 1)
-        top = 1.0 - row * height
-        layout[f"yaxis{number}"] = {
-            "title": {"text": ordinate},
-            "domain": [top - 0.9 * height, top],
-            **_axis(),
-        }
-        for name, x, y in panel:
-            place = names.index(name)
-            data.append(_trace(name, x, y, place, f"y{number}", first=row == 0, shown=shown))
-    return {"data": data, "layout": layout}
-
-
-def page(title: str, top: Sequence[Html], sections: Sequence[Section], drawings: Drawings) -> str:
+def page(
+    title: str,
+    facts: Mapping[str, str | None],
+    top: Sequence[Html],
+    sections: Sequence[Section],
+    drawings: Drawings,
+) -> str:
     """Return the whole page, HTML that needs no other file and no network.
 
-    The pieces in ``top`` are above the table of contents.
+    The title has those ``facts`` that are given. The pieces in ``top`` follow; the table of
+    contents is below them, in print above them.
     """
-    data = {"plots": drawings.plots, "scene": drawings.scene}
-    root = files("dolfinx_joints.report")
-    script, style = (root.joinpath(f"report.{kind}").read_text("utf-8") for kind in ("js", "css"))
-    packed, hashes = _plotly() if drawings.plots or drawings.scene else ("", [])
-    hashes = [_hash(script), *hashes]
-    policy = (
-        f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; "
-        f"script-src {' '.join(hashes)}"
-    )
+    style = files("dolfinx_joints.report").joinpath("report.css").read_text("utf-8")
+    given = "".join(f"<dt>{k}</dt><dd>{text(v)}</dd>" for k, v in facts.items() if v is not None)
     contents = "".join(f'<li><a href="#{text(s.name)}">{text(s.title)}</a></li>' for s in sections)
+    nav = f'<nav id="contents" aria-label="Contents"><h2>Contents</h2><ol>{contents}</ol></nav>'
+    order = [nav, *top] if drawings.printed else [*top, nav]
     body = "".join(
         f'<section id="{text(s.name)}"><h2>{text(s.title)}</h2>{"".join(s.pieces)}</section>\n'
         for s in sections
     )
+    main = (
+        f"<main>\n<header><h1>{text(title)}</h1>{f'<dl>{given}</dl>' if given else ''}</header>\n"
+        f"{''.join(order)}\n{body}</main>\n"
+    )
+    policy, scripts = ("", "") if drawings.printed else _scripts(drawings)
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8"/>\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}"/>\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1"/>\n'
+        f'{policy}<meta name="viewport" content="width=device-width, initial-scale=1"/>\n'
         f"<title>{text(title)}</title>\n<style>{style}</style>\n</head>\n<body>\n"
         '<a class="skip" href="#contents">Skip to the contents</a>\n'
-        f"<main>\n<h1>{text(title)}</h1>\n{''.join(top)}\n"
-        f'<nav id="contents" aria-label="Contents"><h2>Contents</h2><ol>{contents}</ol></nav>\n'
-        f"{body}</main>\n"
+        f"{numbered(main)}{scripts}</body>\n</html>\n"
+    )
+
+
+def _scripts(drawings: Drawings) -> tuple[str, str]:
+    """Return the content security policy of the page, and its scripts with their data."""
+    script = files("dolfinx_joints.report").joinpath("report.js").read_text("utf-8")
+    data = {"plots": drawings.plots, "scene": drawings.scene}
+    packed, hashes = _plotly() if drawings.plots or drawings.scene else ("", [])
+    policy = (
+        f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; "
+        f"script-src {' '.join([_hash(script), *hashes])}"
+    )
+    return (
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}"/>\n',
         f'<script type="application/json" id="data">{_json(data)}</script>\n'
         f'<script type="application/octet-stream" id="plotly">{packed}</script>\n'
-        f"<script>{script}</script>\n</body>\n</html>\n"
+        f"<script>{script}</script>\n",
     )
 
 
@@ -314,33 +297,3 @@ def _plotly() -> tuple[str, list[str]]:
 def _hash(script: str) -> str:
     """Return the hash of a script for the content security policy."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
-
-
-def _trace(
-    name: str, x: ArrayLike, y: ArrayLike, place: int, axis: str, *, first: bool, shown: int
-) -> dict[str, Any]:
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": escape(name, quote=False),
-        "legendgroup": name,
-        "showlegend": first,
-        "visible": True if place < shown else "legendonly",
-        "x": floats(np.asarray(x)),
-        "y": floats(np.asarray(y)),
-        "xaxis": "x",
-        "yaxis": axis,
-        "line": {"color": RUNS[place % len(RUNS)], **_STYLES[place % len(_STYLES)]},
-        "hovertemplate": "%{y:.4g}",
-    }
-
-
-def _axis() -> dict[str, Any]:
-    return {
-        "gridcolor": "#e3e3e3",
-        "zerolinecolor": "#999",
-        "linecolor": "#999",
-        "ticks": "outside",
-        "exponentformat": "power",
-        "automargin": True,
-    }

@@ -173,6 +173,8 @@ def _mesh(run: Run) -> dict[str, Any]:
     values = {title: facts.get(key) for key, title in _MESH.items()}
     for title, name in (("nodes in the file", "mesh/nodes"), ("boundary facets", "mesh/surface")):
         values[title] = len(run.results.static(name)) if name in statics else None
+    body = (facts.get("manifest") or {}).get("body") or {}
+    values |= {"degree of the elements": body.get("degree"), "plane": body.get("plane")}
     return values | {"joints": len(run.results.joints)}
 
 

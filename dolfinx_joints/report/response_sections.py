@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ import numpy as np
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.motions.processing import low_pass
 from dolfinx_joints.motions.spectra import equally_spaced, fourier_amplitude, response_spectrum
-from dolfinx_joints.postprocessing import measures, plots
+from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.postprocessing.frames import (
     common_frame,
     frame_name,
@@ -40,9 +39,12 @@ def displacements(content: Content) -> Section:
         return nothing("displacements", _DISPLACEMENTS, "histories of two records or more")
     pieces = [
         paragraph(
-            f"Displacements are {_frames(runs)}, {zeros(runs)}. Click a name in a legend to show "
-            "or hide a run; only two runs are visible at first.",
+            f"Displacements are {_frames(runs)}, {zeros(runs)}.",
             "note",
+        ),
+        paragraph(
+            "Click a name in a legend to show or hide a run; only two runs are visible at first.",
+            "note screen",
         ),
         table(
             "Largest displacements and Fourier peaks",
@@ -69,8 +71,7 @@ def displacements(content: Content) -> Section:
         plotted = []
         for kind, draw in (("history", _histories), ("fourier", _spectra)):
             spec, caption = draw(with_point, name)
-            pictures = _pictures(content, kind, name, number)
-            plotted.append(content.drawings.plot(f"{kind}-{number + 1}", spec, caption, pictures))
+            plotted.append(content.drawings.plot(f"{kind}-{number + 1}", spec, caption))
         pieces.append(details(f"Plots of {name}", plotted, opened=number == 0))
     return Section("displacements", _DISPLACEMENTS, pieces)
 
@@ -106,7 +107,7 @@ def response_spectra(content: Content) -> Section:
         )
         for ground_label in ground:
             caption += f", and on the {ground_label} of {runs[0].label}"
-        caption += " (hidden at first)." if ground and len(with_point) > 1 else "."
+        caption += "."
         named = measures.band_name(band, *(run.results for run in with_point))
         caption += (
             f" Accelerations are {named}{'; unresolved periods are shaded' if shaded else ''}."
@@ -178,23 +179,6 @@ def _spectra(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
     caption = f"Fourier amplitude of the displacement of {name}, up to {FREQUENCIES:g} Hz."
     curves = _curves(runs, name, spectrum)
     return panels(curves, titles, "frequency [Hz]", limit=FREQUENCIES), caption
-
-
-def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]:
-    """Write pictures of a point's histories or spectra of the main run and its reference."""
-    main, reference = content.main, content.reference
-    if not main.moves or name not in main.results.point_names:
-        return []
-    draw: Callable[..., Any] = plots.fourier
-    if kind == "history":
-        draw = plots.history
-    options: dict[str, Any] = {"relative_to": main.relative_to}
-    if reference is not None and reference.moves and name in reference.results.point_names:
-        options |= {"reference": reference.results, "labels": (main.label, reference.label)}
-    return [
-        content.save(f"{kind}_{number + 1}_{c}", draw(main.results, name, c, **options))
-        for c in main.components
-    ]
 
 
 def _unresolved_periods(runs: Sequence[Run]) -> tuple[float, float] | None:

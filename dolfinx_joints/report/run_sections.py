@@ -24,9 +24,9 @@ _COUNTS = {
     "peak_mb": "peak memory [MB]",
 }
 _ERRORS = {
-    "energy_error": "energy error / largest energy",
-    "imbalance": "unexplained energy / largest energy",
-    "local_error": "largest error of a single step / largest displacement",
+    "energy_error": "energy error / largest energy [%]",
+    "imbalance": "unexplained energy / largest energy [%]",
+    "local_error": "largest error of a single step / largest displacement [%]",
 }
 
 
@@ -43,14 +43,14 @@ def cost(content: Content) -> Section:
     rows.append(["iterations per substep", *per_substep])
     stages = [s.get("seconds", {}) for s in summaries]
     names = dict.fromkeys(name for stage in stages for name in stage)
-    rows += [[f"seconds: {name}", *(stage.get(name) for stage in stages)] for name in names]
-    rows.append(["total seconds", *(run.seconds for run in content.runs)])
+    rows += [[f"{name} [s]", *(stage.get(name) for stage in stages)] for name in names]
+    rows.append(["total [s]", *(run.seconds for run in content.runs)])
     return Section(
         "cost",
         "Cost",
         [
             table("Work of each run", _head("", content), rows),
-            paragraph("Seconds are wall-clock times of the computation.", "note"),
+            paragraph("Times are wall-clock times of the computation.", "note"),
         ],
     )
 
@@ -58,7 +58,10 @@ def cost(content: Content) -> Section:
 def energies(content: Content) -> Section:
     """Return the section on the energy balance, with plots of the energies."""
     summaries = [run.results.summary for run in content.runs]
-    rows = [[text, *(s.get(key) for s in summaries)] for key, text in _ERRORS.items()]
+    rows: list[list[Cell]] = [
+        [text, *(100.0 * s[key] if s.get(key) is not None else None for s in summaries)]
+        for key, text in _ERRORS.items()
+    ]
     unstated = [", ".join(s.get("laws_without_losses") or ()) or None for s in summaries]
     if any(unstated):
         rows.append(["the balance excludes joints with the laws", *unstated])
@@ -67,7 +70,7 @@ def energies(content: Content) -> Section:
         paragraph(
             "The energy error is stored energy − stored energy at the start − input + energy "
             "dissipated by damping and friction. With an energy-consistent scheme only rounding, "
-            "about 1e-14, remains. The error of a single step is an "
+            "about 1e-12 %, remains. The error of a single step is an "
             "estimate, and not the error of the run; dj.accuracy estimates that one.",
             "note",
         ),
@@ -83,7 +86,6 @@ def energies(content: Content) -> Section:
         curves.append([("error", time, values["error"])])
         titles = [f"energy [{unit}]", "error [J]"]
         spec = panels(curves, titles, "time [s]", shown=len(values))
-        picture = content.save(f"energies_{number + 1}", plots.energies(run.results))
         caption = f"Energies of {run.label} against time, and the energy error."
         through = waves_at_end(run.results)
         if through is not None:
@@ -94,7 +96,7 @@ def energies(content: Content) -> Section:
                 f"or water minus the energy that left: {incoming} minus {outgoing} {unit} at the "
                 "end. The curves input and viscous do not include these boundaries."
             )
-        pieces.append(content.drawings.plot(f"energies-{number + 1}", spec, caption, [picture]))
+        pieces.append(content.drawings.plot(f"energies-{number + 1}", spec, caption))
     return Section("energies", "Energies", pieces)
 
 
@@ -104,7 +106,7 @@ def convergence(content: Content) -> Section:
     if not runs:
         return nothing("iterations", "Iterations and joint states", "histories")
     rows = measures.joint_shares(*(run.results for run in runs))
-    titles = ["iterations", *(row.heading for row in rows)]
+    titles = ["iterations [-]", *(row.heading for row in rows)]
     curves: list[list[Curve]] = [[] for _ in titles]
     for run in runs:
         time = run.results.time("histories")
@@ -115,15 +117,12 @@ def convergence(content: Content) -> Section:
                 panel.append((run.label, time, share))
     drawn = [(panel, title) for panel, title in zip(curves, titles, strict=True) if panel]
     spec = panels([p for p, _ in drawn], [t for _, t in drawn], "time [s]")
-    pictures = []
-    if content.main in runs and content.main.results.joints:
-        pictures.append(content.save("joint_states", plots.joint_states(content.main.results)))
     states = ", ".join(row.label for row in rows)
     caption = f"Iterations of each step, and shares of joint points without tied ones: {states}."
     return Section(
         "iterations",
         "Iterations and joint states",
-        [content.drawings.plot("iterations-plot", spec, caption, pictures)],
+        [content.drawings.plot("iterations-plot", spec, caption)],
     )
 
 
@@ -133,7 +132,8 @@ def versions(content: Content) -> Section:
         [run.label, str(run.results.path), run.results.created, run.results.status]
         for run in content.runs
     ]
-    packages = ["numpy", "scipy", "h5py", "matplotlib", "plotly", "pyvista"]
+    packages = ["numpy", "scipy", "h5py", "matplotlib", "pyvista"]
+    packages.append("weasyprint" if content.drawings.printed else "plotly")
     return Section(
         "versions",
         "Files and versions",

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -14,16 +15,20 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.common.errors import ResultsError, warn
-from dolfinx_joints.postprocessing import measures, plots
+from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.postprocessing.body import jointed_groups
 from dolfinx_joints.postprocessing.frames import common_frame, usual_reference, zero_name
 from dolfinx_joints.postprocessing.joints.surface import is_plane
 from dolfinx_joints.postprocessing.peaks import main_values
-from dolfinx_joints.report.page import Drawings, Section, paragraph, plain
+from dolfinx_joints.report.page import Drawings, Section, plain
 from dolfinx_joints.results.arguments import COMPONENTS, Component
 from dolfinx_joints.results.reader import Results, listing
 
 _ENDINGS = (".h5", ".hdf5")
+_UNITS = "%|(?:Hz|mm|m|s|[kMG]?J|[kMG]?Pa|[kM]?N)\\b"
+_VARYING = re.compile(
+    rf"'[^']*'|(?<![\w.])[-−]?\d+(?:\.\d+)?(?:e[-−+]?\d+)?(?![\w])(?: ?(?:{_UNITS}))?"
+)
 
 
 @dataclass(frozen=True)
@@ -151,8 +156,7 @@ class Content:
 
     def save(self, name: str, drawn: Any, *, dpi: int = 130) -> Path:
         """Write a picture to the folder of the report; return its path."""
-        self.drawings.folder.mkdir(parents=True, exist_ok=True)
-        return plots.save(drawn.figure, self.drawings.folder / f"{name}.png", dpi=dpi)
+        return self.drawings.save(name, drawn.figure, dpi)
 
 
 def components(runs: Iterable[Run]) -> list[Component]:
@@ -228,8 +232,37 @@ def opened(
 
 
 def nothing(name: str, title: str, missing: str) -> Section:
-    """Return a section that states what is missing in the files."""
-    return Section(name, title, [paragraph(f"The files have no {missing}.")])
+    """Return a section that is left out, with what is missing in the files."""
+    return Section(name, title, [], missing)
+
+
+def grouped(texts: Iterable[tuple[str, str]], everyone: Sequence[str] = ()) -> list[str]:
+    """Return sentences of runs, each a pair of label and text, with similar sentences as one.
+
+    Sentences are similar if they differ only in numbers and quoted names. The label is left out of
+    a sentence that is that of ``everyone``.
+    """
+    groups: dict[str, list[tuple[str, str]]] = {}
+    for label, text in dict.fromkeys(texts):
+        groups.setdefault(_VARYING.sub("…", text), []).append((label, text))
+    return [_joined(group, everyone) for group in groups.values()]
+
+
+def _joined(group: Sequence[tuple[str, str]], everyone: Sequence[str]) -> str:
+    """Return one sentence for similar sentences, with a list of what differs."""
+    labels = list(dict.fromkeys(label for label, _ in group))
+    first = group[0][1]
+    if all(text == first for _, text in group):
+        return first if labels == list(everyone) else f"{', '.join(labels)}: {first}"
+    values = [_VARYING.findall(text) for _, text in group]
+    differs = [len(set(column)) > 1 for column in zip(*values, strict=True)]
+    blanks = iter(differs)
+    words = _VARYING.sub(lambda match: "…" if next(blanks) else match[0], first)
+    lists = [
+        f"{label}: {', '.join(value for value, differ in zip(row, differs, strict=True) if differ)}"
+        for (label, _), row in zip(group, values, strict=True)
+    ]
+    return f"{words} ({'; '.join(lists)})"
 
 
 def _names(paths: Sequence[Path]) -> list[str]:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.report import (
+    assumption_section,
     body_sections,
     check_section,
     joint_sections,
@@ -46,4 +47,5 @@ def ordered(content: Content, added: Addition, *, of_body: bool) -> list[Section
             made.append(section)
         progress.advance()
     progress.finish()
-    return [*added.first, *made, *added.last]
+    first = assumption_section.assumptions(content, made)
+    return [*added.first, first, *(section for section in made if section.pieces), *added.last]

@@ -130,12 +130,17 @@ def _tables(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
         pieces += [
             paragraph(f"{name} is {text}.", "note") for name, text in warnings.items() if text
         ]
-    names = list(static_stages[0].stresses)
+    names = [
+        n
+        for n in static_stages[0].stresses
+        if not all(np.isnan(s.stresses[n]) for s in static_stages)
+    ]
     rows = [[s.name, *(1e-6 * s.stresses[n] for n in names)] for s in static_stages]
-    if any(not np.isnan(value) for stage in static_stages for value in stage.stresses.values()):
+    if names:
         head = ["stage", *(f"{name.replace('_', ', ')} [MPa]" for name in names)]
         pieces.append(table(f"Static stresses, tension > 0 ({run.label})", head, rows))
-    return pieces + _energies(run, static_stages) + [paragraph(text) for text in jump_warnings(run)]
+    jumps = [paragraph(f"{run.label}: {text}") for text in jump_warnings(run)]
+    return [*pieces, *_energies(run, static_stages), *jumps]
 
 
 def _energies(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
@@ -174,6 +179,6 @@ def _by_column(energy: StageEnergy) -> dict[str, float]:
 def jump_warnings(run: Run) -> list[str]:
     """Return a warning for each static stage of a run in which the structure jumps."""
     return [
-        f"{run.label}: the structure jumps in the static stage {name!r}: {'; '.join(jumps)}."
+        f"the structure jumps in the static stage {name!r}: {'; '.join(jumps)}."
         for name, jumps in stage_jumps(run.results).items()
     ]

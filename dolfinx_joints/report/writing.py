@@ -1,12 +1,14 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Writing of a report: one self-contained HTML file, and a folder of its pictures."""
+"""Writing of a report: one HTML or PDF file, and a folder of its pictures."""
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -17,8 +19,9 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, ResultsError
 from dolfinx_joints.common.files import replacing
 from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.postprocessing import views
 from dolfinx_joints.report import opening, sections
-from dolfinx_joints.report.page import Drawings, page
+from dolfinx_joints.report.page import Drawings, Html, Section, figure, page
 from dolfinx_joints.report.runs import Addition, Content, Run, linear_and_jointed, opened
 
 
@@ -30,22 +33,30 @@ def write(
     with_3d: bool = True,
     add: Callable[[Sequence[Run]], Addition] | None = None,
     bars: Mapping[str, tuple[float, float]] | None = None,
+    dam: str | None = None,
+    client: str | None = None,
+    author: str | None = None,
+    date: str | None = None,
 ) -> Path:
     """Write a report on the runs of one or several results files.
 
     The file ``out`` needs no other file. Pictures of its plots are also written to the folder
-    `picture_folder` next to it.
+    `picture_folder` next to it. A PDF file has these pictures in place of the interactive plots.
 
     Args:
         results: The files, in the order of the report.
-        out: The HTML file; replaced if it exists.
+        out: The HTML file, or the PDF file if the name ends in .pdf; replaced if it exists.
         with_3d: Include the 3-D view and pictures of the body, the largest part of the file.
         add: Function that returns further sections and the runs to compare.
         bars: Error bars of the main results, `Accuracy.bars`. An error is shown next to each value
             that equals a value of the study; a warning names the others.
+        dam: Name of the dam, the title; by default the names of the runs.
+        client: Client on the title page.
+        author: Author on the title page.
+        date: Date on the title page; no date by default, so that equal input gives equal pages.
 
     Returns:
-        The path of the HTML file.
+        The path of the file.
 
     Raises:
         ResultsError: A file cannot be read, a package is missing, or ``out`` cannot be written.
@@ -57,9 +68,10 @@ def write(
     wanted = "pairs of a number and an error of 0 or more by name, as in Accuracy.bars"
     check_kind_of("bars", bars, good, wanted)
     target = Path(out)
-    if target.suffix.lower() not in (".html", ".htm"):
-        raise ResultsError(f"A report needs a file name that ends in .html, got {target}.")
-    _check_packages()
+    printed = target.suffix.lower() == ".pdf"
+    if not printed and target.suffix.lower() not in (".html", ".htm"):
+        raise ResultsError(f"A report needs a file name that ends in .html or .pdf, got {target}.")
+    _check_packages("matplotlib", "weasyprint" if printed else "plotly")
     muted = warnings.catch_warnings(action="ignore", category=PlausibilityWarning)
     with muted, opened(results, bars) as runs, _written(target):  # the report lists the warnings
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -69,13 +81,19 @@ def write(
             reference, main = added.reference, added.main
         first = [reference, main] if reference else []
         ordered = [*first, *(run for run in runs if run not in first)]
-        drawings = Drawings(picture_folder(target))
+        drawings = Drawings(picture_folder(target), printed)
         content = Content(ordered, drawings, main, reference)
         shown = sections.ordered(content, added, of_body=with_3d)
         top = opening.opening(content, added.note, of_body=with_3d)
-        html = page(_title(runs), top, shown, drawings)
+        if printed:
+            shown = [_with_pictures(section, content) for section in shown]
+        facts = {"Client": client, "Author": author, "Date": date}
+        html = page(_title(runs, dam), facts, top, shown, drawings)
         with replacing(target) as part:
-            part.write_text(html, encoding="utf-8")
+            if printed:
+                _print(html, part)
+            else:
+                part.write_text(html, encoding="utf-8")
     return target
 
 
@@ -84,19 +102,51 @@ def picture_folder(out: Path) -> Path:
     return out.with_name(f"{out.stem}_files")
 
 
-def _title(runs: Sequence[Run]) -> str:
+def _with_pictures(section: Section, content: Content) -> Section:
+    """Return a section with pictures of the first states of the 3-D view in place of the view."""
+    pieces = "".join(section.pieces)
+    if '<figure id="scene">' not in pieces:
+        return section
+    pictures = []
+    for number, scene in enumerate(content.drawings.scene, 1):
+        run = next(run for run in content.runs if run.label == scene["label"])
+        time, scale = scene["frames"][scene["start"]]["time"], scene["scale"]
+        drawn = views.deformed(run.results, time=time, scale=scale, groups=run.groups)
+        caption = f"{run.label} at t = {time:.3f} s, displacements enlarged {scale:g} times."
+        png = content.save(f"space_{number}", drawn)
+        pictures.append(figure([content.drawings.picture(png, caption)], caption))
+    shown = re.sub(
+        '<figure id="scene">.*?</figure>', lambda _: "".join(pictures), pieces, flags=re.S
+    )
+    return replace(section, pieces=[Html(shown)])
+
+
+def _title(runs: Sequence[Run], dam: str | None) -> str:
+    if dam is not None:
+        return f"Report: {dam}"
     cases = dict.fromkeys(
         str(r.results.metadata["case"]) for r in runs if "case" in r.results.metadata
     )
     return f"Report: {', '.join(cases or [run.label for run in runs])}"
 
 
-def _check_packages() -> None:
-    for package in ("matplotlib", "plotly"):
+def _print(html: str, path: Path) -> None:
+    """Write a page to a PDF file."""
+    from weasyprint import HTML
+
+    HTML(string=html).write_pdf(path)
+
+
+def _check_packages(*packages: str) -> None:
+    for package in packages:
         try:
             __import__(package)
         except ImportError as error:
             raise ResultsError(f"Reports need {package}, which is not installed.") from error
+        except OSError as error:  # WeasyPrint without Pango
+            raise ResultsError(
+                f"Reports need {package}, which cannot be loaded: {error}"
+            ) from error
 
 
 @contextmanager

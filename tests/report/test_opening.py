@@ -38,7 +38,7 @@ def after(cells: list[str], heading: str, name: str, count: int) -> list[str]:
 def test_what_matters_is_what_the_file_holds(tmp_path):
     files = [write_run(tmp_path / f"{n}.h5", n) for n in ("linear", "joints")]
     cells = cells_of(files, tmp_path)
-    for name in ("crest displacement from the first record [mm]", "energy error"):
+    for name in ("crest displacement from the first record [mm]", "energy error [%]"):
         assert name in cells
     with Results(files[1]) as results:
         point = "mid-crest"
@@ -66,7 +66,7 @@ def test_what_matters_is_what_the_file_holds(tmp_path):
 
 def test_joints_have_values_times_and_places(tmp_path):
     cells = cells_of([write_run(tmp_path / "joints.h5")], tmp_path)
-    opening, slip, safety = after(cells, "smallest safety", "joint_1", 3)
+    opening, slip, safety = after(cells, "smallest safety [-]", "joint_1", 3)
     # 3 mm at the end at the upper points; the first of them is named.
     assert opening == "3.000 1 s at (0.5, 0, 1.5) m"
     assert slip == "0"  # of what never moved there is no time
@@ -84,13 +84,13 @@ def test_error_bars_are_next_to_the_values_of_their_run(tmp_path):
     linear, joints = after(cells, "linear", title, 2)
     assert "±" not in linear
     assert joints.split(" ", 1)[1].startswith("± 0.1625, mid-crest ")  # of 1.3 mm
-    opening, _slip, _safety = after(cells, "smallest safety", "joint_1", 3)
+    opening, _slip, _safety = after(cells, "smallest safety [-]", "joint_1", 3)
     assert opening == "3.000 ± 0.375, 1 s at (0.5, 0, 1.5) m"
     *_, acceleration = (cell for cell in cells if "±" in cell and cell.endswith(" g"))
     assert float(acceleration.split(" ")[2].rstrip(",")) == pytest.approx(1.9425 / 8.0, rel=1e-3)
     bars["joint_1: opening [m]"] = (3e-3, np.inf)
     cells = cells_of(files, tmp_path, bars=bars)
-    opening, *_ = after(cells, "smallest safety", "joint_1", 1)
+    opening, *_ = after(cells, "smallest safety [-]", "joint_1", 1)
     assert opening == "3.000 grows with finer cells, 1 s at (0.5, 0, 1.5) m"
 
 
@@ -142,7 +142,7 @@ def test_a_file_with_joints_and_no_records_is_reported(tmp_path):
         writer.start()
         writer.finish("complete", {})
     cells = cells_of([tmp_path / "r.h5"], tmp_path)
-    assert "smallest safety" not in cells
+    assert "smallest safety [-]" not in cells
 
 
 def test_curved_joints_are_named_below_their_forces(tmp_path, monkeypatch):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from declared import declare_energy, write_states
-from reading_back import Tables, curves, lines, low_passed
+from reading_back import Tables, captions, curves, lines, low_passed
 from written_runs import (
     JOINT,
     NODES,
@@ -29,9 +29,9 @@ from written_runs import (
 from dolfinx_joints import report
 from dolfinx_joints.common.errors import PlausibilityWarning
 from dolfinx_joints.motions.spectra import equally_spaced, fourier_amplitude, response_spectrum
-from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
-from dolfinx_joints.report import body_sections
+from dolfinx_joints.report import body_sections, response_sections
 from dolfinx_joints.report.page import Drawings, Html
 from dolfinx_joints.report.runs import Content, Run
 from dolfinx_joints.results.layout import Cells
@@ -43,22 +43,20 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("plotly")
 
 POINTS = ("crest", "heel")
-PICTURES: dict[Path, Any] = {}  # what was to be written
 
 
 @pytest.fixture(scope="module", autouse=True)
 def no_pictures() -> Iterator[None]:
     """Leave out what takes the longest and is not read here."""
 
-    def save(content: Content, name: str, drawn: Any, *, dpi: int = 130) -> Path:
-        content.drawings.folder.mkdir(parents=True, exist_ok=True)
-        path = content.drawings.folder / f"{name}.png"
+    def save(drawings: Drawings, name: str, drawn: Any, dpi: int = 130) -> Path:
+        drawings.folder.mkdir(parents=True, exist_ok=True)
+        path = drawings.folder / f"{name}.png"
         path.touch()
-        PICTURES[path] = drawn
         return path
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Content, "save", save)
+        patch.setattr(Drawings, "save", save)
         yield
 
 
@@ -104,19 +102,32 @@ def test_cells_of_motions_are_measures(two: tuple[str, dict[str, Results]]) -> N
                 )
 
 
-def test_pictures_of_histories_show_what_their_captions_say(
-    two: tuple[str, dict[str, Results]],
+def test_pictures_show_the_data_of_the_plots(
+    two: tuple[str, dict[str, Results]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Each plot of the page has a picture with the curves, axes and names of the plot."""
     html, runs = two
-    folder = runs["a"].path.parent
-    drawn = {path.stem: each for path, each in PICTURES.items() if path.is_relative_to(folder)}
-    for number, point in enumerate(POINTS, 1):
-        assert f"<figcaption>Displacement of {point} from the first record against time." in html
-        for component in "xyz":
-            ax = drawn[f"history_{number}_{component}"]
-            assert ax.get_ylabel().startswith(f"displacement {component}\nfrom the first record [")
-            _, expected = measures.displacement_history(runs["a"], point, component)  # type: ignore[arg-type]
-            np.testing.assert_allclose(lines(ax)[-1][1], expected, rtol=1e-12, atol=1e-15)
+    drawn = {}
+    monkeypatch.setattr(
+        Drawings, "save", lambda _, name, figure, dpi=0: drawn.update({name: figure})
+    )
+    monkeypatch.setattr(Drawings, "picture", lambda *_: Html(""))
+    content = Content(
+        [Run(r, n) for n, r in runs.items()], Drawings(Path(), printed=True), *[None] * 2
+    )  # type: ignore[arg-type]
+    for make in (response_sections.displacements, response_sections.response_spectra):
+        make(content)
+    assert set(drawn) == {f"{k}-{n}" for k in ("history", "fourier", "response") for n in (1, 2)}
+    for name, figure in drawn.items():
+        expected = curves(html, name)
+        (legend,) = figure.legends
+        names = [text.get_text() for text in legend.get_texts()]
+        assert names == list(dict.fromkeys(name for name, _ in expected))
+        found = [line for ax in figure.axes for line in lines(ax, figure.axes[-1])]
+        assert len(found) == len(expected)
+        for line, curve in zip(found, expected.values(), strict=True):
+            np.testing.assert_array_equal(line, curve)
+    assert sum(text.startswith("Displacement of ") for text in captions(html)) == len(POINTS)
 
 
 def test_cells_of_joints_are_measures(tmp_path: Path) -> None:
@@ -268,11 +279,14 @@ def test_curves_are_those_of_the_file(two: tuple[str, dict[str, Results]]) -> No
     longest = max(np.diff(run.time("histories")).max() for run in runs.values())
     named = f"low-passed at 25 Hz, resolved to {0.1 / longest:.3g} Hz by the step"
     assert f"Largest absolute accelerations, {named}" in html
-    captions = (
-        html.count("<figcaption>Pseudo-acceleration of"),
-        html.count(f"Accelerations are {named}; unresolved periods are shaded.</figcaption>"),
+    shown_captions = captions(html)
+    counts = (
+        sum(text.startswith("Pseudo-acceleration of") for text in shown_captions),
+        sum(
+            f"Accelerations are {named}; unresolved periods are" in text for text in shown_captions
+        ),
     )
-    assert captions == (len(POINTS), len(POINTS))
+    assert counts == (len(POINTS), len(POINTS))
     for number, point in enumerate(POINTS, 1):
         for (label, panel), found in curves(html, f"history-{number}").items():
             same(found, *measures.displacement_history(runs[label], point, "xyz"[panel]))  # type: ignore[arg-type]
@@ -328,7 +342,8 @@ def test_energies_of_a_reservoir_are_told_apart_from_its_waves(tmp_path: Path) -
         "entered through absorbing boundaries of rock or water minus the energy that left: "
         "0 minus 2 kJ at the end"
     ) in html
-    ax = PICTURES[tmp_path / "out_files" / "energies_1.png"]
+    with Results(path) as results:
+        ax = plots.energies(results)
     assert ax.get_ylabel() == "energy [kJ]"
     words = ax.get_legend().get_texts()
     assert (words[0].get_text(), len(words)) == ("waves, 0 kJ in minus 2 kJ out", 12)

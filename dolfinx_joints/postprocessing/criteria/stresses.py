@@ -100,5 +100,5 @@ class StressRatios:
         cells = results.static("mesh/cells")
         groups = [name for name in results.statics if name.startswith("mesh/groups/")]
         own = [name.split("/", 2)[2] for name in groups if node in cells[results.static(name)]]
-        place = ", ".join(f"{x + 0.0:.4g}" for x in self._body.nodes[node])
+        place = ", ".join(f"{round(x, 6) + 0.0:.4g}" for x in self._body.nodes[node])
         return f"{' and '.join(own)} ({place}) m".strip()

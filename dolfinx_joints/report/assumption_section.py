@@ -1,0 +1,139 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Report section on the assumptions of the model and on what the runs do not cover."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from html import unescape
+from typing import Any
+
+from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.report.page import Section, bullets, heading, plain, reference
+from dolfinx_joints.report.parameter_sections import parsed
+from dolfinx_joints.report.runs import Content, Run, grouped
+
+_SMALL = (
+    "Strains and displacements are small: equilibrium holds in the undeformed body, and joint "
+    "points keep their initial partners."
+)
+_MATERIALS = {
+    "Elastic": "is linear elastic and isotropic: it does not crack or yield",
+    "Orthotropic": "is linear elastic with three planes of symmetry: it does not crack or yield",
+    "DruckerPrager": "is elastic and perfectly plastic with the limit of Drucker and Prager",
+}
+_LAWS = {
+    "FrictionNoTension": "transmit pressure elastically, shear up to Coulomb's limit, no tension",
+    "MohrCoulombJoint": "are bonded up to the limit of Mohr and Coulomb, and then rub",
+    "RigidJoint": "transmit pressure without overlap, shear up to Coulomb's limit, no tension",
+    "KeyedJoint": "transmit pressure elastically, no tension, and shear by keys at any opening",
+    "ShearKeyJoint": "rub and have shear keys, whose teeth can shear off",
+    "ViscousJoint": "have dashpots that act while they are closed",
+}
+_RAYLEIGH = {"mass_factor": "1/s times M", "stiffness_factor": "s times K of the body"}
+_LIMITS = ("Ten steps per period", "Ten nodes per shear wavelength")  # of `Resolved`
+_WAVES = {"ViscousBoundary", "FreeField", "ObliqueFreeField"}  # boundaries that absorb waves
+_DRY = {"Gravity", "Temperature", "FreeField", "ObliqueFreeField"}
+_ON_FACES = {"HydrostaticPressure", "SiltPressure"}
+
+
+def assumptions(content: Content, sections: Sequence[Section]) -> Section:
+    """Return the section, from the files of the runs and from the other sections."""
+    labels = [run.label for run in content.runs]
+    assumed = [(run.label, text) for run in content.runs for text in _assumed(run)]
+    excluded = [(run.label, text) for run in content.runs for text in _excluded(run)]
+    missing = [f"{s.title}: the files have no {s.missing}." for s in sections if not s.pieces]
+    pieces = [bullets([_SMALL, *grouped(assumed, labels), *_criteria(sections)])]
+    if excluded or missing:
+        pieces += [heading("Not covered"), bullets([*grouped(excluded, labels), *missing])]
+    return Section("assumptions", "Assumptions and limits", pieces)
+
+
+def _assumed(run: Run) -> Iterator[str]:
+    """Yield sentences on body, joints, damping, loads, supports, time scheme and mesh."""
+    made = run.results.metadata.get("manifest") or {}
+    body, settings = made.get("body") or {}, made.get("settings") or {}
+    if "mesh/surface" in run.results.statics:
+        state = f", in plane {body['plane']}" if body.get("plane") else ""
+        yield f"The model is plane{state}." if run.plane else "The model is three-dimensional."
+    for kind, groups in _by_kind(made.get("material", {})).items():
+        where = "" if groups == ["all"] else f" of {', '.join(groups)}"
+        yield f"The material{where} {_MATERIALS.get(kind, f'follows {kind}')}."
+    laws = _by_kind(made.get("joint_laws", {}))
+    for kind, joints in laws.items():
+        subject = "The joints" if len(laws) == 1 else f"The joints {', '.join(joints)}"
+        table = reference("Laws of the joints")
+        yield f"{subject} {_LAWS.get(kind, f'follow {kind}')} ({table})."
+    if not run.results.joints:
+        yield "The body has no joints."
+    kind, values = parsed(made.get("damping"))
+    if kind == "Rayleigh":
+        terms = [f"{plain(values[n])} {unit}" for n, unit in _RAYLEIGH.items() if values.get(n)]
+        yield f"Rayleigh damping is {' plus '.join(terms) or 'zero'}."
+    elif kind == "ModalRatios":
+        yield "Damping is given by ratios of the lowest modes with closed joints."
+    fixed = [values for kind, values in map(parsed, made.get("supports", [])) if kind == "Fixed"]
+    whole = [v["group"] for v in fixed if v.get("group") and v.get("components") is None]
+    if whole:
+        to = " relative to the ground" if run.results.relative and run.moves else ""
+        yield f"The displacement{to} is zero at {', '.join(whole)}."
+    if made.get("loads"):
+        kinds = dict.fromkeys(parsed(load)[0] for load in made["loads"])
+        yield f"The loads are {', '.join(kinds)} ({reference('Loads')})."
+    for added in made.get("added_mass", []):
+        kind, values = parsed(added)
+        yield f"Water at {values.get('group')} acts as added mass ({kind})."
+    if made.get("reservoir"):
+        yield f"Waves in the reservoir are computed ({parsed(made['reservoir'])[0]})."
+    if settings.get("ground motion") and run.results.relative:
+        yield f"The ground moves by {settings['ground motion']}, the same at all supports."
+    if "time step" in settings:
+        scheme = parsed(settings.get("time scheme"))[0]
+        yield f"Time steps are {plain(settings['time step'])} s, with the scheme {scheme}."
+    if "degree" in body and "dofs" in run.results.metadata:
+        dofs = run.results.metadata["dofs"]
+        yield f"The mesh has {dofs} degrees of freedom; elements have the degree {body['degree']}."
+    resolved = measures.resolved_frequencies(run.results)
+    for limit, value in zip(_LIMITS, resolved, strict=False):
+        if math.isfinite(value):
+            yield f"{limit} resolve motions up to {value:.3g} Hz."
+
+
+def _excluded(run: Run) -> Iterator[str]:
+    """Yield sentences on water, waves and errors that the run does not have."""
+    made = run.results.metadata.get("manifest")
+    if made:
+        kinds = {parsed(load)[0] for load in made.get("loads", [])}
+        water = made.get("added_mass") or made.get("reservoir")
+        if not water and kinds <= _DRY:
+            yield "There is no load of water, no added mass and no reservoir."
+        elif run.results.joints and kinds <= _DRY | _ON_FACES:
+            yield "Water pressure does not act in the joints."
+        if "JointWater" in kinds:
+            yield "Water does not flow in the joints."
+        if any(parsed(added)[0] == "WestergaardMass" for added in made.get("added_mass", [])):
+            yield "The water is incompressible: it has no waves."
+        present = kinds | {parsed(support)[0] for support in made.get("supports", [])}
+        if run.moves and not present & _WAVES:
+            yield "No viscous boundary and no free field absorbs waves."
+    if run.static_alone:
+        yield "The run has static stages alone: no earthquake."
+    if not run.bars:
+        yield "The errors of time step and mesh are not estimated (dj.accuracy)."
+
+
+def _criteria(sections: Sequence[Section]) -> list[str]:
+    """Return the sentence on the criteria of the checks, if there are checks."""
+    pieces = "".join(piece for s in sections if s.name == "checks" for piece in s.pieces)
+    tables = [reference(unescape(found)) for found in re.findall("<caption>([^<]*)<", pieces)]
+    return [f"Criteria, their limits and sources are in {', '.join(tables)}."] if tables else []
+
+
+def _by_kind(things: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return names by class."""
+    kinds: dict[str, list[str]] = {}
+    for name, thing in things.items():
+        kinds.setdefault(parsed(thing)[0], []).append(name)
+    return kinds

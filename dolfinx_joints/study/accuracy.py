@@ -30,6 +30,7 @@ Time = Annotated[float, at.Gt(0.0), at.Unit("s")]
 
 GIVEN = "given"
 _STEP_ORDER = 2.0  # of the time schemes
+_WORKERS = 2  # other runs take 1.5 times as long as the given one; each worker loads the libraries
 _LONG = 4.0  # accelerations are compared in a band that steps of this factor resolve
 _PLANE, _QUADRATIC = (5, 9, 69, 70), 68  # VTK's numbers of plane cells; least one of Lagrange cells
 # Columns that precede the values in the rows of the runs.
@@ -166,8 +167,8 @@ def accuracy(
 ) -> Accuracy:
     """Estimate the errors of a run by runs with coarser steps and coarser cells.
 
-    The runs are the cases of a `Study`, side by side in new interpreters. A second call with the
-    same folder makes only the runs that it lacks. Changes of the function are not detected.
+    The runs are the cases of a `Study`. Each worker makes its runs one after the other in a new
+    interpreter. A second call with the same folder makes only the runs that it lacks. Changes of the function are not detected.
 
     The error of the step and the error of the cells are estimated separately and added
     (`estimated_error`). Both exclude what the runs have in common, such as the model and its data.
@@ -183,7 +184,7 @@ def accuracy(
         steps: Factors of the time step in the other runs; below 1 for finer ones, or none.
         cells: Factors of the cell size in the other runs.
         target: Allowed relative error, for which the cheapest run is predicted.
-        workers: Simultaneous runs; the number of cores by default.
+        workers: Simultaneous runs, by default 2 if there are as many cores.
         progress: Show a progress bar.
 
     Raises:
@@ -192,8 +193,8 @@ def accuracy(
     """
     cases = _with_earlier(Path(path), _cases(run, size, dt, steps, cells))
     study = Study(path, _Measured(run), cases)
-    cores = len(os.sched_getaffinity(0))
-    tally = study.run(workers=workers or cores, retry_failed=True, progress=progress)
+    workers = workers or min(_WORKERS, len(os.sched_getaffinity(0)))
+    tally = study.run(workers=workers, retry_failed=True, share=True, progress=progress)
     if tally.failed:
         raise StudyError(f"An estimate needs all runs of {study.path}: {tally}")
     rows = read_rows(study.path / TABLE)

@@ -135,6 +135,7 @@ class Study(Summarised):
         only: Sequence[str] | None = None,
         retry_failed: bool = False,
         rerun_changed: bool = False,
+        share: bool = False,
         progress: bool = True,
     ) -> Tally:
         """Run the cases that have no row yet.
@@ -146,6 +147,8 @@ class Study(Summarised):
             only: Names of the cases to run, all by default.
             retry_failed: Run failed cases again.
             rerun_changed: Run cases with changed parameters again; otherwise raise an error.
+            share: Let a worker run its cases in one interpreter, which starts only once. Cases can
+                then affect each other, and the peak memory is that of all its cases.
             progress: Show a progress bar.
 
         Raises:
@@ -168,11 +171,11 @@ class Study(Summarised):
                 chosen = [name for name in self.cases if only is None or name in only]
                 waiting = self._waiting(rows, chosen, retry_failed, rerun_changed)
                 if executor is not None:
-                    self._work(rows, waiting, executor, progress)
+                    self._work(rows, waiting, executor, share, progress)
                 else:
                     with ThreadPoolExecutor(workers) as threads:
                         try:
-                            self._work(rows, waiting, threads, progress)
+                            self._work(rows, waiting, threads, share, progress)
                         finally:
                             end_cases()
         except OSError as error:
@@ -220,7 +223,12 @@ class Study(Summarised):
         return waiting
 
     def _work(
-        self, rows: dict[str, Row], waiting: list[str], executor: Executor, progress: bool
+        self,
+        rows: dict[str, Row],
+        waiting: list[str],
+        executor: Executor,
+        share: bool,
+        progress: bool,
     ) -> None:
         """Run cases; add each row to the table when its case ends."""
         from tqdm.auto import tqdm
@@ -230,8 +238,8 @@ class Study(Summarised):
         hidden = None if progress else True  # None hides the bar if there is no terminal
         try:
             for name in waiting:
-                folder = str(self.folder(name).resolve())
-                futures[executor.submit(run_case, name, work, folder, self.cases[name])] = name
+                case = name, work, str(self.folder(name).resolve()), self.cases[name], share
+                futures[executor.submit(run_case, *case)] = name
             with tqdm(total=len(waiting), desc=self.path.name, unit="case", disable=hidden) as bar:
                 for future in as_completed(futures):
                     name = futures[future]

@@ -83,7 +83,14 @@ def end_cases() -> None:
     """Kill the interpreters that this process has started."""
     _shared.clear()
     for process in list(_running):
-        process.kill()
+        _end(process)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Kill an interpreter unless it has ended."""
+    process.kill()
+    process.wait()
+    _running.discard(process)
 
 
 def _outcome(work: bytes, folder: Path, parameters: Mapping[str, Any], share: bool) -> Row:
@@ -107,8 +114,7 @@ def _outcome(work: bytes, folder: Path, parameters: Mapping[str, Any], share: bo
         if share and outcome["status"] == "complete":
             waiting.append(process)
         else:
-            process.kill()
-            _running.discard(process)
+            _end(process)
     return outcome
 
 

@@ -8,15 +8,15 @@ reservoir by finite elements and joints at neck and base. `accuracy` estimates t
 coarser runs. The effectivity is the estimated error divided by the difference from a run with a
 quarter of the step, or with finer cells. Runs are kept in ``--out`` and not repeated.
 
-The cost is the processor time of all processes of the call, divided by that of the run in a
-process of its own. It is measured if the runs are new.
+The cost is the processor time of all processes of the call, divided by that of a process that makes
+the run alone. It is measured if the runs are new.
 """
 
 from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from resource import RUSAGE_CHILDREN, RUSAGE_SELF, getrusage
@@ -33,6 +33,7 @@ from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.geometry.ambiesta import ambiesta
 from dolfinx_joints.geometry.gravity_dam import KOYNA, gravity_dam
 from dolfinx_joints.geometry.jointed_wall import jointed_wall
+from dolfinx_joints.study.accuracy import Accuracy
 
 WATER = 91.75  # level of Koyna's reservoir [m]
 SEED, DURATION = 4, 2.0  # of Koyna's motion [s]
@@ -108,74 +109,54 @@ SCENES = {
     "arch": Scene(run=run_arch, size=5.5, dt=TIME_STEP / 2.0, finer=(0.75, 0.5)),
     "koyna": Scene(run=run_koyna, size=4.0, dt=0.004, finer=(0.5, 0.25)),
 }
+KINDS = {"order": "with an order", "no order": "bound"}
 FORM = (
-    "| scene | error of | values | with an order: estimate / error | values | with a bound: "
-    "bound / error | growth | cost |\n"
-    "| {scene} | {direction} | {ordered} | {order} | {bounded} | {bound} | {growth} | {cost} |"
+    "| scene | error of | values | estimates | median of estimate / error | below 0.5 | above 2 |\n"
+    "| {scene} | {direction} | {kind} | {number} | {median:.2g} | {low} | {high} |"
 )
 
 
 def effectivities(
-    estimate: dj.study.Accuracy, finer: dict[str, float], direction: str
-) -> Iterator[dict[str, Any]]:
-    """Yield name, kind, estimated and true relative error, and effectivity of each value."""
+    estimate: Accuracy, finer: Mapping[str, float], direction: str
+) -> Iterator[tuple[str, str, float, float]]:
+    """Yield name, kind, and estimated and true relative error of each value."""
     names = ("value", "given", f"{direction}_error", f"{direction}_kind")
     for name, given, error, kind in zip(*(estimate.table[n] for n in names), strict=True):
-        true = abs(given - finer[name]) / (abs(given) or 1.0)
-        share = error / (abs(given) or 1.0)
-        ratio = share / true if true > ROUNDING else np.nan
-        row = {"value": name, "kind": kind, "estimate": share, "true": true}
-        yield row | {"effectivity": ratio}
+        scale = abs(given) or 1.0
+        yield name, kind, error / scale, abs(given - finer[name]) / scale
 
 
-def measured(name: str, out: Path) -> list[dict[str, Any]]:
-    """Run a scene; print the effectivity of each value and return two rows of the table."""
+def measured(name: str, out: Path) -> Iterator[dict[str, Any]]:
+    """Run a scene; print the effectivity of each value and yield the rows of the table."""
     scene, folder = SCENES[name], out / name
-    at = {"size": scene.size, "dt": scene.dt}
-    is_new, before = not (folder / "coarser").exists(), _seconds()
+    at, before = {"size": scene.size, "dt": scene.dt}, _seconds()
+    is_new = not (folder / "coarser").exists()
     estimate = dj.accuracy(folder / "coarser", scene.run, **at)
-    cost = np.nan
+    print(f"\n{name}\n{estimate}")
     if is_new:
         spent, alone = _seconds() - before, folder / "alone"
         alone.mkdir(parents=True)
-        code = f"from benchmarks.error_bars import *; SCENES[{name!r}].run(Path({str(alone)!r}), **{at})"
+        run = f"{scene.run.__name__}(Path({str(alone)!r}), **{at})"
+        code = f"from benchmarks.error_bars import *; {run}"
         subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=True)
-        (folder / "cost.txt").write_text(f"{spent / (_seconds() - before - spent)}\n")
-    if (folder / "cost.txt").exists():
-        cost = float((folder / "cost.txt").read_text())
-    print(f"\n{name}\n{estimate}\ncost of the call: {cost:.2f} runs", flush=True)
+        print(f"cost of the call: {spent / (_seconds() - before - spent):.1f} runs", flush=True)
     finer = dj.accuracy(
         folder / "finer", scene.run, **at, steps=(0.5, 0.25), cells=scene.finer, workers=1
     )
-    print(f"\n{name}, with finer runs\n{finer}", flush=True)
+    print(f"with finer runs: {finer}", flush=True)
     cases = finer.runs["case"].tolist()
-    rows = []
     for direction, case in (("step", "step_x0.25"), ("cell", f"cell_x{min(scene.finer):g}")):
-        best = {n: column[cases.index(case)] for n, column in finer.runs.items() if n != "case"}
-        values = list(effectivities(estimate, best, direction))
-        for v in values:
-            print(
-                f"{v['value']:44} {direction} {v['kind']:9} {100 * v['estimate']:8.2f} % "
-                f"{100 * v['true']:8.2f} % {v['effectivity']:8.2f}"
-            )
-        row = {"scene": name, "direction": direction, "cost": f"{cost:.1f}"}
-        for kind, number, ratios in (
-            ("order", "ordered", "order"),
-            ("no order", "bounded", "bound"),
-        ):
-            of_kind = [v["effectivity"] for v in values if v["kind"] == kind]
-            row |= {number: len(of_kind), ratios: _range(of_kind)}
-        row["growth"] = sum(v["kind"] == "growth" for v in values)
-        rows.append(row)
-    return rows
-
-
-def _range(ratios: list[float]) -> str:
-    """Return smallest, median and largest effectivity."""
-    known = [ratio for ratio in ratios if np.isfinite(ratio)]
-    if not known:
-        return "–"
-    return f"{np.min(known):.2g} to {np.max(known):.2g}, median {np.median(known):.2g}"
+        best = {title: column[cases.index(case)] for title, column in finer.runs.items()}
+        ratios: dict[str, list[float]] = {kind: [] for kind in KINDS}
+        for value, kind, estimated, true in effectivities(estimate, best, direction):
+            print(f"{value:44} {direction} {kind:9} {100 * estimated:9.2f} % {100 * true:9.2f} %")
+            if kind in KINDS and true > ROUNDING:
+                ratios[kind].append(estimated / true)
+        for kind, title in KINDS.items():
+            shares = np.array(ratios[kind])
+            row = {"scene": name, "direction": direction, "kind": title, "number": len(shares)}
+            row |= {"low": int((shares < 0.5).sum()), "high": int((shares > 2.0).sum())}
+            yield row | {"median": np.median(shares)}
 
 
 def _seconds() -> float:

@@ -167,8 +167,9 @@ def accuracy(
 ) -> Accuracy:
     """Estimate the errors of a run by runs with coarser steps and coarser cells.
 
-    The runs are the cases of a `Study`. Each worker makes its runs one after the other in a new
-    interpreter. A second call with the same folder makes only the runs that it lacks. Changes of the function are not detected.
+    The runs are the cases of a `Study`. Each worker makes its runs in one new interpreter. A second
+    call with the same folder makes only the runs that it lacks. Changes of the function are not
+    detected.
 
     The error of the step and the error of the cells are estimated separately and added
     (`estimated_error`). Both exclude what the runs have in common, such as the model and its data.

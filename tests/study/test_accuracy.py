@@ -208,7 +208,8 @@ def test_printed_errors_are_those_of_the_files(example):
         given, kinds = float(row["given"]), [row["step_kind"], row["cell_kind"]]
         assert value == f"{given:.4g}"
         assert runs[name][0] == given
-        columns = [(row["error"], kinds), *zip((row["step_error"], row["cell_error"]), kinds)]
+        columns = [(row["error"], kinds)]
+        columns += [(row[f"{name}_error"], row[f"{name}_kind"]) for name in ("step", "cell")]
         for text, (error, kind) in zip(errors, columns, strict=True):
             number = re.match(r"(< )?([\d.e-]+) %", text)
             assert (text == "constant") == (kind == "constant")

@@ -8,6 +8,7 @@ import os
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from inspect import signature
 from pathlib import Path
 from typing import Annotated
@@ -38,29 +39,24 @@ _SECONDS, _CELLS, _DIMENSION, _DEGREE = "processor_s", "cells", "dimension", "de
 _OWN = (_SECONDS, _CELLS, _DIMENSION, _DEGREE)
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """Function of a study that makes a run and returns its values and its processor time."""
-
-    run: Run
-
-    def __call__(
-        self, folder: Path, *, size: float, dt: float, band: float, function: str
-    ) -> dict[str, float]:
-        began = clock.process_time()
-        made = self.run(folder, size=size, dt=dt)
-        values = {_SECONDS: clock.process_time() - began}
-        if isinstance(made, Mapping):
-            return values | dict(made)
-        with Results(made) as results:
-            if not results.complete:
-                raise StudyError(f"The run in {results.path} is {results.status}, not complete.")
-            if "mesh/cells" in results.statics:
-                kind = int(results.static("mesh/cell_kind")[0])
-                values[_CELLS] = len(results.static("mesh/cells"))
-                values[_DIMENSION] = 2 if kind in _PLANE else 3
-                values[_DEGREE] = 2 if kind >= _QUADRATIC else 1
-            return values | main_values(results, band=band)
+def _measured(
+    run: Run, folder: Path, *, size: float, dt: float, band: float, function: str
+) -> dict[str, float]:
+    """Make a run; return its processor time and its values."""
+    began = clock.process_time()
+    made = run(folder, size=size, dt=dt)
+    values = {_SECONDS: clock.process_time() - began}
+    if isinstance(made, Mapping):
+        return values | dict(made)
+    with Results(made) as results:
+        if not results.complete:
+            raise StudyError(f"The run in {results.path} is {results.status}, not complete.")
+        if "mesh/cells" in results.statics:
+            kind = int(results.static("mesh/cell_kind")[0])
+            values[_CELLS] = len(results.static("mesh/cells"))
+            values[_DIMENSION] = 2 if kind in _PLANE else 3
+            values[_DEGREE] = 2 if kind >= _QUADRATIC else 1
+        return values | main_values(results, band=band)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -196,14 +192,15 @@ def accuracy(
         StudyError: A run failed, the folder contains another study, or several ranks call.
     """
     cases = _with_earlier(Path(path), _cases(run, size, dt, steps, cells))
-    study = Study(path, _Measured(run), cases)
+    study = Study(path, partial(_measured, run), cases)
     workers = workers or min(_WORKERS, len(os.sched_getaffinity(0)))
     tally = study.run(workers=workers, retry_failed=True, share=True, progress=progress)
     if tally.failed:
         raise StudyError(f"An estimate needs all runs of {study.path}: {tally}")
     rows = read_rows(study.path / TABLE)
     names = [name for name in rows[0]["values"] if name not in _OWN]  # of the given run
-    shared = [n for n in names if all(_has_number(row["values"], n) for row in rows)]
+    columns = {n: [row["values"].get(n, np.nan) for row in rows] for n in names}
+    shared = [n for n, c in columns.items() if np.array(c).dtype == float and np.isfinite(c).all()]
     table = _errors(rows, shared, target)
     write_csv(table, study.path / "accuracy.csv")
     return Accuracy(
@@ -263,7 +260,9 @@ def _with_earlier(path: Path, cases: Mapping[str, Row]) -> dict[str, Row]:
 def _errors(rows: list[Row], names: list[str], target: float) -> Table:
     """Return the table of the errors of the first run."""
     given, first = rows[0]["parameters"], rows[0]["values"]
-    steps, cells = _by_step(rows, given), _by_cell(rows, given, first)
+    made = [(row["parameters"], row["values"]) for row in rows]
+    steps = {p["dt"] / given["dt"]: values for p, values in made if p["size"] == given["size"]}
+    cells = _by_cell(rows, given, first)
     cost = Cost.fitted(*({x: run[_SECONDS] for x, run in runs.items()} for runs in (steps, cells)))
     orders = {"step": (steps, _STEP_ORDER), "cell": (cells, 2.0 * first.get(_DEGREE, 1.0))}
     for direction, (runs, _) in orders.items():
@@ -298,12 +297,6 @@ def _errors(rows: list[Row], names: list[str], target: float) -> Table:
     return {name: np.array([line[name] for line in lines]) for name in lines[0]}
 
 
-def _by_step(rows: list[Row], given: Row) -> dict[float, Row]:
-    """Return the values of the runs by step, relative to the given run."""
-    of_size = [row for row in rows if row["parameters"]["size"] == given["size"]]
-    return {row["parameters"]["dt"] / given["dt"]: row["values"] for row in of_size}
-
-
 def _by_cell(rows: list[Row], given: Row, first: Row) -> dict[float, Row]:
     """Return the values of the runs by cell size, relative to the given run.
 
@@ -321,7 +314,3 @@ def _by_cell(rows: list[Row], given: Row, first: Row) -> dict[float, Row]:
             )
         runs[size] = values
     return runs
-
-
-def _has_number(values: Row, name: str) -> bool:
-    return isinstance(values.get(name), float) and bool(np.isfinite(values[name]))

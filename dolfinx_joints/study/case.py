@@ -143,7 +143,10 @@ def main() -> None:
             os.dup2(log.fileno(), 2)
         outcome: dict[str, Any]
         try:
-            function = function or _unpacked(work)
+            if function is None:
+                preparation, of_module = pickle.loads(work)
+                spawn.prepare(preparation)
+                function = pickle.loads(of_module)
             values, remarks = _plain_values(function(folder, **parameters))
             reason = in_one_line(" ".join(remarks))
             outcome = {"status": "complete", "reason": reason, "values": values}
@@ -162,14 +165,6 @@ def _receive(cases: queue.SimpleQueue[tuple[bytes, Path, dict[str, Any]]]) -> No
         while True:
             cases.put(pickle.load(messages))
     os._exit(1)
-
-
-def _unpacked(work: bytes) -> Function:
-    """Import the module of a `packed` function; return the function."""
-    preparation, function = pickle.loads(work)
-    spawn.prepare(preparation)
-    unpacked: Function = pickle.loads(function)
-    return unpacked
 
 
 def reason_of(error: BaseException) -> str:

@@ -22,8 +22,8 @@ Kind = Literal["order", "no order", "growth", "constant", "not varied"]
 
 LEAST_ORDER = 0.5  # lower observed orders do not show convergence
 BEYOND = 1.0  # an observed order may exceed the formal one by this much
-CAUTION = 1.25  # Roache's factor of safety for monotone values of three runs
-NO_ORDER_CAUTION = 3.0  # his factor if the order is not confirmed
+_SAFETY = 1.25  # Roache's factor for monotone values of three runs
+_SAFETY_WITHOUT_ORDER = 3.0  # his factor for other values
 REACH = 0.1  # least size, relative to the given run, to which errors are extrapolated
 _GROWTH_ORDER = 0.25  # a change of such an order has no limit, within the scatter of three values
 _GROWTH = 0.05  # least relative change that counts as growth
@@ -85,9 +85,9 @@ def estimated_error(
         limit = v[0] - (v[1] - v[0]) / ((h[1] / h[0]) ** used - 1.0)
         return Estimate(kind="order", error=float(abs(given - limit)), order=order, rate=used)
     differences = np.abs(np.subtract.outer(v, v)) / np.add.outer(h, h)
-    bound = NO_ORDER_CAUTION * differences.max()
+    bound = _SAFETY_WITHOUT_ORDER * differences.max()
     if np.isfinite(order):  # monotone: the limit may be farther away than all values
-        bound = max(bound, CAUTION * abs(v[1] - v[0]) / (h[1] - h[0]))
+        bound = max(bound, _SAFETY * abs(v[1] - v[0]) / (h[1] - h[0]))
     return Estimate(kind="no order", error=float(abs(given - v[0]) + h[0] * bound))
 
 

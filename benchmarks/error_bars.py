@@ -156,9 +156,9 @@ def measured(name: str, out: Path) -> Iterator[dict[str, Any]]:
             "scene": name,
             "direction": direction,
             "ordered": len(ratios["order"]),
-            "order": np.median(ratios["order"]),
+            "order": np.median(ratios["order"] or np.nan),
             "bounded": len(ratios["no order"]),
-            "bound": np.median(ratios["no order"]),
+            "bound": np.median(ratios["no order"] or np.nan),
             "low": int((both < 0.5).sum()),
             "high": int((both > 2.0).sum()),
         }

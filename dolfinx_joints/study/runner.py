@@ -83,8 +83,8 @@ class Study(Summarised):
     The function is called as ``function(folder, **parameters)`` and returns the values of the row,
     a mapping of names to numbers or texts. Every case runs in a new interpreter that imports the
     function from its module, so cases share nothing, in particular not MPI, unless ``run`` is
-    called with ``share=True``. A value whose name is already used is in the column "NAME (value)"; a
-    value that is neither number nor text is left out. In both cases the row has a remark.
+    called with ``share=True``. A value whose name is already used is in the column "NAME (value)".
+    A value that is neither number nor text is left out. In both cases the row has a remark.
 
     A case is identified by its name and parameters; changes of the function are not detected.
 

@@ -8,6 +8,7 @@ Expected: facts of the meshes counted by hand, and bounds that the programs asse
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from mpi4py import MPI
 from benchmarks import (
     brief,
     error_against_time,
+    error_bars,
     exact_modes,
     jointed_wall,
     large_bodies,
@@ -215,3 +217,19 @@ def test_opensees_wall(capsys):
     linear, jointed, _ = printed(capsys)
     assert linear["static_difference"] < 1e-9
     assert jointed["static_difference"] < 1e-6
+
+
+@pytest.mark.slow
+def test_error_bars(tmp_path, monkeypatch, capsys):
+    """Two rows per scene; estimates beyond 0.5 and 2 are among those with an order or a bound."""
+    scene = replace(error_bars.SCENES["koyna"], size=16.0, dt=0.02)
+    monkeypatch.setitem(error_bars.SCENES, "koyna", scene)
+    error_bars.main(["--scenes", "koyna", "--out", str(tmp_path)])
+    text = capsys.readouterr().out
+    (cost,) = re.findall(r"cost of the call: ([\d.]+) runs", text)
+    assert float(cost) > 1.0
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines()[-2:]]
+    for direction, row in zip(("step", "cell"), rows, strict=True):
+        assert row[:2] == ["koyna", direction]
+        ordered, _, bounded, _, low, high = map(float, row[2:])
+        assert 0 < low + high <= ordered + bounded <= 22  # values of the run

@@ -30,6 +30,7 @@ Time = Annotated[float, at.Gt(0.0), at.Unit("s")]
 
 GIVEN = "given"
 _STEP_ORDER = 2.0  # of the time schemes
+_WORKERS = 2  # other runs take 1.5 times as long as the given one; each worker loads the libraries
 _LONG = 4.0  # accelerations are compared in a band that steps of this factor resolve
 _PLANE, _QUADRATIC = (5, 9, 69, 70), 68  # VTK's numbers of plane cells; least one of Lagrange cells
 # Columns that precede the values in the rows of the runs.
@@ -129,7 +130,10 @@ class Accuracy:
         total = f"together {seconds.sum() / seconds[0]:.1f} times the given run"
         notes = [f"Processor time: {', '.join(each_run)}; {total}."]
         if "no order" in kinds:
-            notes.append("no order: the runs do not converge steadily; < is a cautious bound.")
+            notes.append(
+                "no order: the runs do not converge steadily; < is a cautious bound, which finer "
+                "runs narrow, such as steps=(2, 0.5). Peaks of joint forces last few steps."
+            )
         if "not varied" in kinds:
             notes.append("not varied: the error is without that of this direction.")
         if self.lacking:
@@ -169,8 +173,9 @@ def accuracy(
 ) -> Accuracy:
     """Estimate the errors of a run by runs with coarser steps and coarser cells.
 
-    The runs are the cases of a `Study`, side by side in new interpreters. A second call with the
-    same folder makes only the runs that it lacks. Changes of the function are not detected.
+    The runs are the cases of a `Study`. Each worker makes its runs in one new interpreter. A second
+    call with the same folder makes only the runs that it lacks. Changes of the function are not
+    detected.
 
     The error of the step and the error of the cells are estimated separately and added
     (`estimated_error`). Both exclude what the runs have in common, such as the model and its data.
@@ -186,7 +191,7 @@ def accuracy(
         steps: Factors of the time step in the other runs; below 1 for finer ones, or none.
         cells: Factors of the cell size in the other runs.
         target: Allowed relative error, for which the cheapest run is predicted.
-        workers: Simultaneous runs; the number of cores by default.
+        workers: Simultaneous runs, by default 2 if there are as many cores.
         progress: Show a progress bar.
 
     Raises:
@@ -197,13 +202,14 @@ def accuracy(
         raise StudyError("accuracy starts its runs as separate processes: call it without mpirun.")
     cases = _with_earlier(Path(path), _cases(run, size, dt, steps, cells))
     study = Study(path, _Measured(run), cases)
-    cores = len(os.sched_getaffinity(0))
-    tally = study.run(workers=workers or cores, retry_failed=True, progress=progress)
+    workers = workers or min(_WORKERS, len(os.sched_getaffinity(0)))
+    tally = study.run(workers=workers, retry_failed=True, share=True, progress=progress)
     if tally.failed:
         raise StudyError(f"An estimate needs all runs of {study.path}: {tally}")
     rows = read_rows(study.path / TABLE)
     names = [name for name in rows[0]["values"] if name not in _OWN]  # of the given run
-    shared = [n for n in names if all(_has_number(row["values"], n) for row in rows)]
+    columns = {n: [row["values"].get(n, np.nan) for row in rows] for n in names}
+    shared = [n for n, c in columns.items() if np.array(c).dtype == float and np.isfinite(c).all()]
     table = _errors(rows, shared, target)
     write_csv(table, study.path / "accuracy.csv")
     return Accuracy(
@@ -263,7 +269,9 @@ def _with_earlier(path: Path, cases: Mapping[str, Row]) -> dict[str, Row]:
 def _errors(rows: list[Row], names: list[str], target: float) -> Table:
     """Return the table of the errors of the first run."""
     given, first = rows[0]["parameters"], rows[0]["values"]
-    steps, cells = _by_step(rows, given), _by_cell(rows, given, first)
+    made = [(row["parameters"], row["values"]) for row in rows]
+    steps = {p["dt"] / given["dt"]: values for p, values in made if p["size"] == given["size"]}
+    cells = _by_cell(rows, given, first)
     cost = Cost.fitted(*({x: run[_SECONDS] for x, run in runs.items()} for runs in (steps, cells)))
     orders = {"step": (steps, _STEP_ORDER), "cell": (cells, 2.0 * first.get(_DEGREE, 1.0))}
     for direction, (runs, _) in orders.items():
@@ -298,12 +306,6 @@ def _errors(rows: list[Row], names: list[str], target: float) -> Table:
     return {name: np.array([line[name] for line in lines]) for name in lines[0]}
 
 
-def _by_step(rows: list[Row], given: Row) -> dict[float, Row]:
-    """Return the values of the runs by step, relative to the given run."""
-    of_size = [row for row in rows if row["parameters"]["size"] == given["size"]]
-    return {row["parameters"]["dt"] / given["dt"]: row["values"] for row in of_size}
-
-
 def _by_cell(rows: list[Row], given: Row, first: Row) -> dict[float, Row]:
     """Return the values of the runs by cell size, relative to the given run.
 
@@ -321,7 +323,3 @@ def _by_cell(rows: list[Row], given: Row, first: Row) -> dict[float, Row]:
             )
         runs[size] = values
     return runs
-
-
-def _has_number(values: Row, name: str) -> bool:
-    return isinstance(values.get(name), float) and bool(np.isfinite(values[name]))

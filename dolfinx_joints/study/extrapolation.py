@@ -22,7 +22,8 @@ Kind = Literal["order", "no order", "growth", "constant", "not varied"]
 
 LEAST_ORDER = 0.5  # lower observed orders do not show convergence
 BEYOND = 1.0  # an observed order may exceed the formal one by this much
-CAUTION = 1.25  # Roache's factor of safety for three or more runs
+_SAFETY = 1.25  # Roache's factor for monotone values of three runs
+_SAFETY_WITHOUT_ORDER = 3.0  # his factor for other values
 REACH = 0.1  # least size, relative to the given run, to which errors are extrapolated
 _GROWTH_ORDER = 0.25  # a change of such an order has no limit, within the scatter of three values
 _GROWTH = 0.05  # least relative change that counts as growth
@@ -57,8 +58,9 @@ def estimated_error(
     With h1 < h2 < h3, the observed order p solves
     (v3 - v2) / (v2 - v1) = (h3^p - h2^p) / (h2^p - h1^p).
     If it is in the accepted range, the limit is v1 - (v2 - v1) h1^p / (h2^p - h1^p), with p at most
-    the formal order. Otherwise the error is bounded by the largest difference of two values, times
-    a factor of safety; of monotone values also by the extrapolation with first order.
+    the formal order. Otherwise the errors are bounded by C h, where C is the largest
+    |vi - vj| / (hi + hj) times a factor of safety; of monotone values also by the extrapolation
+    with first order.
 
     Args:
         sizes: Relative sizes, one of them 1, different from each other, shape (n,).
@@ -82,10 +84,11 @@ def estimated_error(
         used = min(order, formal_order)
         limit = v[0] - (v[1] - v[0]) / ((h[1] / h[0]) ** used - 1.0)
         return Estimate(kind="order", error=float(abs(given - limit)), order=order, rate=used)
-    spread = np.ptp([*v, given])
+    differences = np.abs(np.subtract.outer(v, v)) / np.add.outer(h, h)
+    bound = _SAFETY_WITHOUT_ORDER * differences.max()
     if np.isfinite(order):  # monotone: the limit may be farther away than all values
-        spread = max(spread, abs(v[1] - v[0]) * h[0] / (h[1] - h[0]))
-    return Estimate(kind="no order", error=float(CAUTION * spread))
+        bound = max(bound, _SAFETY * abs(v[1] - v[0]) / (h[1] - h[0]))
+    return Estimate(kind="no order", error=float(abs(given - v[0]) + h[0] * bound))
 
 
 def _observed_order(h: Floats, v: Floats) -> float:

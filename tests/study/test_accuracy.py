@@ -5,6 +5,7 @@
 Expected: errors of values that are powers of step and cell size.
 """
 
+import csv
 import os
 import re
 import subprocess
@@ -23,6 +24,7 @@ from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.study import read_table
 
 GUIDE = Path(__file__).resolve().parents[2] / "docs/guide/studies.md"
+SLIP = "joint_1: slip [m]"
 LEVELS = {"size": 0.5, "dt": 0.1}
 
 
@@ -157,28 +159,76 @@ def test_several_ranks_are_refused_on_each(tmp_path, monkeypatch):
     assert not (tmp_path / "a").exists()
 
 
-def test_the_example_of_the_guide(tmp_path):
-    """Expected: the upper block rests while the ground moves by 30 t^3 / 6, 0.04 m at 0.2 s."""
+@pytest.fixture(scope="module")
+def example(tmp_path_factory):
+    """Folder and printed text of the guide's example, started twice: the second call only reads."""
     pytest.importorskip("dolfinx")
     pytest.importorskip("gmsh")
     (code,) = (
         t for t in re.findall("```python\n(.*?)```", GUIDE.read_text(), re.S) if "dj.acc" in t
     )
-    (tmp_path / "blocks.py").write_text(code)
-    made = subprocess.run(
-        [sys.executable, "blocks.py"],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert made.returncode == 0, made.stderr
-    lines = {line.split("  ")[0]: line for line in made.stdout.splitlines()}
-    assert "order 2.0" in lines["joint_1: slip [m]"]
-    assert len(read_table(tmp_path / "accuracy")["case"]) == 5
-    written = (tmp_path / "accuracy" / "accuracy.csv").read_text().splitlines()
-    (row,) = (line.split(",") for line in written if line.startswith("joint_1: slip"))
-    slip, error = float(row[1]), float(row[2])
-    assert 0.5 < error / abs(slip - 0.04) < 2.0
-    assert (tmp_path / "report.html").read_text().count("± ") >= 2
+    folder = tmp_path_factory.mktemp("example")
+    (folder / "blocks.py").write_text(code)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    command, printed = [sys.executable, "blocks.py"], []
+    for _ in range(2):
+        made = subprocess.run(
+            command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+        )
+        assert made.returncode == 0, made.stderr
+        printed.append(made.stdout)
+    assert printed[0] == printed[1]
+    return folder, printed[0]
+
+
+def written_errors(folder):
+    """Rows of the CSV file by the name of the value."""
+    with (folder / "accuracy/accuracy.csv").open() as file:
+        return {row["value"]: row for row in csv.DictReader(file)}
+
+
+def test_the_example_of_the_guide(example):
+    """Expected: the upper block rests while the ground moves by 30 t^3 / 6, 0.04 m at 0.2 s."""
+    row = written_errors(example[0])[SLIP]
+    assert row["step_kind"] == "order"
+    assert float(row["step_order"]) == pytest.approx(2.0, abs=0.05)
+    assert 0.5 < float(row["error"]) / abs(float(row["given"]) - 0.04) < 2.0
+    assert len(read_table(example[0] / "accuracy")["case"]) == 5
+
+
+def test_printed_errors_are_those_of_the_files(example):
+    """The second call reads its rows, and prints the same text as the first one."""
+    folder, printed = example
+    rows, runs = written_errors(folder), read_table(folder / "accuracy")
+    lines = [re.split("  +", line) for line in printed.splitlines()]
+    shown = {line[0]: line[1:] for line in lines if line[0] in rows}
+    assert shown.keys() == rows.keys()
+    for name, (value, *errors, run) in shown.items():
+        row = rows[name]
+        given, kinds = float(row["given"]), [row["step_kind"], row["cell_kind"]]
+        assert value == f"{given:.4g}"
+        assert runs[name][0] == given
+        columns = [(row["error"], kinds)]
+        columns += [(row[f"{name}_error"], row[f"{name}_kind"]) for name in ("step", "cell")]
+        for text, (error, kind) in zip(errors, columns, strict=True):
+            number = re.match(r"(< )?([\d.e-]+) %", text)
+            assert (text == "constant") == (kind == "constant")
+            assert ("no order" in kind) == text.startswith("< ")
+            expected = 100.0 * float(error) / given if given else 0.0
+            assert number is None or float(number[2]) == pytest.approx(expected, rel=0.06)
+        predicted = "{:.2g} s, {:.2g} m: {:.2g} s".format(*map(float, [*row.values()][-3:]))
+        assert run == (predicted if row["dt [s]"] != "nan" else "out of reach")
+    for case, seconds in zip(runs["case"], runs["processor_s"], strict=True):
+        assert f"{case} {seconds:.2g} s" in printed
+
+
+def test_bars_of_the_report_are_those_of_the_files(example):
+    rows, texts = written_errors(example[0]), (example[0] / "report.html").read_text()
+    shown = re.findall(r">([^<>]{1,12}) <span class=.where.>± ([^<,]{1,12}),", texts)
+    expected = []
+    for name in ("crest displacement [m]", "crest acceleration below 25 Hz [m/s^2]", SLIP):
+        factor = 1e3 if name.endswith("[m]") else 1.0
+        value, error = (factor * float(rows[name][key]) for key in ("given", "error"))
+        expected.append((f"{value:#.4g}", f"{error:.4g}"))
+    signs = str.maketrans("\N{MINUS SIGN}", "-")
+    assert [(v.translate(signs).strip("-"), e.translate(signs)) for v, e in shown] == expected

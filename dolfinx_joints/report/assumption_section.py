@@ -32,7 +32,7 @@ _LAWS = {
     "ShearKeyJoint": "rub and have shear keys, whose teeth can shear off",
     "ViscousJoint": "have dashpots that act while they are closed",
 }
-_RAYLEIGH = {"mass_factor": "1/s times M", "stiffness_factor": "s times K of the body"}
+_RAYLEIGH = {"mass_factor": "1/s times the mass", "stiffness_factor": "s times the stiffness"}
 _LIMITS = ("Ten steps per period", "Ten nodes per shear wavelength")  # of `Resolved`
 _WAVES = {"ViscousBoundary", "FreeField", "ObliqueFreeField"}  # boundaries that absorb waves
 _DRY = {"Gravity", "Temperature", "FreeField", "ObliqueFreeField"}
@@ -71,7 +71,7 @@ def _assumed(run: Run) -> Iterator[str]:
     kind, values = parsed(made.get("damping"))
     if kind == "Rayleigh":
         terms = [f"{plain(values[n])} {unit}" for n, unit in _RAYLEIGH.items() if values.get(n)]
-        yield f"Rayleigh damping is {' plus '.join(terms) or 'zero'}."
+        yield f"Rayleigh damping of the body is {' plus '.join(terms) or 'zero'}."
     elif kind == "ModalRatios":
         yield "Damping is given by ratios of the lowest modes with closed joints."
     fixed = [values for kind, values in map(parsed, made.get("supports", [])) if kind == "Fixed"]

@@ -91,7 +91,7 @@ def test_assumptions_are_those_of_the_file(tmp_path):
     for text in (
         "The model is three-dimensional.",
         "The material is linear elastic and isotropic: it does not crack or yield.",
-        "Rayleigh damping is 0.002 s times K of the body.",
+        "Rayleigh damping of the body is 0.002 s times the stiffness.",
         "The displacement relative to the ground is zero at base.",
         "Time steps are 0.01 s, with the scheme EnergyConsistent.",
         "There is no load of water, no added mass and no reservoir.",

@@ -113,6 +113,8 @@ from .simulation.monitor import Monitor as Monitor
 from .simulation.simulation import Simulation as Simulation
 from .solvers.step_solver import SolverOptions as SolverOptions
 from .study.accuracy import accuracy as accuracy
+from .study.factor_of_safety import FactorOfSafety as FactorOfSafety
+from .study.factor_of_safety import factor_of_safety as factor_of_safety
 from .time_integration.midpoint import EnergyConsistent as EnergyConsistent
 from .time_integration.midpoint import ImplicitContact as ImplicitContact
 from .time_integration.newmark import GeneralizedAlpha as GeneralizedAlpha

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -12,6 +14,7 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.static_energy import StaticEnergy
+from dolfinx_joints.time_integration.states import DynamicState
 
 # Name in the ledger of residual forces of earlier stages, in inactive joints and absent blocks.
 CONSTRUCTION = "construction"
@@ -48,6 +51,29 @@ def start_of_stage(system: MatrixSystem, before: StaticState) -> Response | None
         response: Response = internal_forces.respond(system.vector(), at_rest, BACKWARD_EULER)
         return response
     return without_traction(at_rest)
+
+
+def state_at_rest(model: Model, end: DynamicState) -> StaticState:
+    """Return a dynamic state as the start of a static stage (collective).
+
+    Its remaining inertia and damping forces, and its strain energy, count as `CONSTRUCTION`.
+    """
+    start, forces = unloaded_state(model), model.system(static=True).internal_forces
+    joints = end.joints
+    if joints is not None and forces is not None and not (model.contact and model.contact.rigid):
+        # Midpoint schemes store mean tractions of the last step: evaluate the laws at its end.
+        still = model.stiffness.createVecRight()
+        still.set(0.0)
+        joints = forces.respond(still, joints.state, BACKWARD_EULER)
+    strain = end.strain_energy
+    energy = replace(start.energy, strain=strain, input_by_load={CONSTRUCTION: strain})
+    return replace(
+        start,
+        displacement=end.displacement.copy(),
+        joints=joints,
+        reaction=end.reaction.copy(),
+        energy=energy,
+    )
 
 
 def without_traction(state: JointState) -> Response:

@@ -45,6 +45,7 @@ RANGES = {
     "normal_stiffness": _STIFFNESS,
     "shear_stiffness": _STIFFNESS,
     "cohesion": _STRENGTH,
+    "adhesion": _STRENGTH,
     "tooth_cohesion": _STRENGTH,
     "tensile_strength": _STRENGTH,
     "friction_angle_deg": Range(2.0, 35.0, 90.0, "degrees", {"radians": 180.0 / np.pi}),

@@ -16,7 +16,6 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.common.summary import Rows, Summarised, names
-from dolfinx_joints.laws.law import AnyLaw
 from dolfinx_joints.loads.load import FollowsJoints, Load, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.resultants import JointForces
@@ -26,7 +25,7 @@ from dolfinx_joints.simulation.record import stage_name, stage_record
 from dolfinx_joints.simulation.simulation import Simulation
 from dolfinx_joints.simulation.statics.stage import check_acting
 from dolfinx_joints.simulation.statics.stage_start import state_at_rest
-from dolfinx_joints.simulation.statics.trials import MOTION_TIME, FailureTrials, Trial
+from dolfinx_joints.simulation.statics.trials import FailureTrials, Trial
 from dolfinx_joints.simulation.statics.unfinished import check_grouted, check_joints
 from dolfinx_joints.solvers.step_solver import SolverOptions
 from dolfinx_joints.time_integration.states import DynamicState
@@ -47,8 +46,9 @@ class FactorOfSafety(Summarised):
         trials: All trials in their order.
         state: Equilibrium at F.
         resultants: Resultants of the joints at F, by name; their ``friction`` is that at F = 1.
-        velocity: Mechanism: velocity [m/s] after one second of motion from rest at ``upper``. None
-            without a failure, for a body without mass, or if the step did not converge.
+        acceleration: Mechanism: acceleration of the body at ``upper``, from rest at the last
+            equilibrium [m/s^2]. None without a failure, for a body without mass, or if the step of
+            the motion did not converge.
     """
 
     factor: float
@@ -58,7 +58,7 @@ class FactorOfSafety(Summarised):
     trials: tuple[Trial, ...]
     state: StaticState
     resultants: Mapping[str, JointResultants]
-    velocity: PETSc.Vec | None
+    acceleration: PETSc.Vec | None
 
     def _summary(self) -> Rows:
         yield "factor of safety", f"{self.factor:.4g}, fails at {self.upper:.4g}"
@@ -76,7 +76,6 @@ def factor_of_safety(
     joints: Sequence[str] | None = None,
     multiplied: Sequence[Load] = (),
     loads: Sequence[Load] | None = None,
-    laws: Mapping[str, AnyLaw] | None = None,
     start: StaticState | DynamicState | None = None,
     time: Annotated[float, at.Unit("s")] = 0.0,
     tolerance: Annotated[float, at.Gt(0), at.Lt(1)] = 1e-3,
@@ -92,8 +91,8 @@ def factor_of_safety(
     path. The last failure is confirmed by other starts, other solvers and pseudo-time.
 
     The simulation keeps its static state. It gets two further stages, NAME with the equilibrium at
-    F, and "NAME, mechanism" with the displacement after one second of motion (not an equilibrium),
-    which monitors record and `views.deformed` draws.
+    F, and "NAME, mechanism" with the displacement due to one second of the mechanism's acceleration
+    in addition, which monitors record and `views.deformed` draws.
 
     Args:
         simulation: Simulation with a static state.
@@ -104,10 +103,10 @@ def factor_of_safety(
         multiplied: Loads of the model that are multiplied, other than water in joints that follows
             the openings.
         loads: Loads of the model that act, such as changed uplift; all by default.
-        laws: Laws by joint instead of those of the model, such as residual strengths after an
-            earthquake. Their stiffnesses must be those of the model.
         start: State from which the first trial starts: a static state, or the last state of a
-            dynamic stage at rest. By default the simulation's static state.
+            dynamic stage at rest, also of another model on the same mesh with joints of the same
+            stiffness, such as before the loss of strength in an earthquake. By default the
+            simulation's static state.
         time: Time at which the loads are evaluated [s].
         tolerance: Relative width of the interval of F.
         largest: Largest factor that is tried.
@@ -129,7 +128,6 @@ def factor_of_safety(
     assert isinstance(before, StaticState)
     check_grouted(before)
     name = stage_name(name, "factor of safety", simulation.stages)
-    assert model.contact is not None
     trials = FailureTrials(
         model,
         before,
@@ -137,20 +135,17 @@ def factor_of_safety(
         time=time,
         joints=of if method == "strength" else (),
         multiplied=multiplied,
-        laws={**model.contact.laws, **(laws or {})},
         options=simulation.options or SolverOptions(),
         kind=simulation.solver,
     )
     lower, upper = _bracket(trials, tolerance, largest)
-    state, velocity = trials.state, None
+    state = trials.state
+    acceleration = trials.acceleration(upper) if upper < math.inf else None
     simulation.add_stage(stage_record(model, name, time, state, acting))
-    if upper < math.inf and (motion := trials.motion(upper)) is not None:
-        response, moved = motion
-        displaced = replace(state, displacement=state.displacement + moved, joints=response)
-        record = stage_record(model, f"{name}, mechanism", time, displaced, acting)
+    if acceleration is not None:
+        moved = replace(state, displacement=state.displacement + 0.5 * acceleration)  # after 1 s
+        record = stage_record(model, f"{name}, mechanism", time, moved, acting)
         simulation.add_stage(record)
-        velocity = moved
-        velocity.scale(1.0 / MOTION_TIME)
     assert state.joints is not None
     return FactorOfSafety(
         factor=lower,
@@ -160,7 +155,7 @@ def factor_of_safety(
         trials=tuple(trials.rows),
         state=state,
         resultants=JointForces(model)(state.joints),
-        velocity=velocity,
+        acceleration=acceleration,
     )
 
 

@@ -205,18 +205,15 @@ class Equilibrium:
             report=report,
         )
 
-    def move(
-        self, increment: Increment, inertia: MatrixCoefficients
-    ) -> tuple[Response, PETSc.Vec]:
-        """Return joints and displacement [m] of an implicit step of motion from rest (collective).
+    def move(self, increment: Increment, inertia: MatrixCoefficients) -> PETSc.Vec:
+        """Return the displacement [m] of an implicit step of motion from rest (collective).
 
         The motion starts at the accepted equilibrium, under the loads at the end of an increment.
         """
         self._set_up(increment)
         prepare(self._without_water, False, self._start)
-        response, _ = self._without_water.solve(inertia, self._b, self._x, self.joints)
-        assert response is not None
-        return response, self._x.copy()
+        self._without_water.solve(inertia, self._b, self._x, self.joints)
+        return self._x.copy()
 
     def accept(self, solved: SolvedIncrement, increment: Increment) -> None:
         """Continue from the solution of an increment (collective)."""

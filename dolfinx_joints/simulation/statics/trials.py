@@ -4,15 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
-from dolfinx_joints.laws.law import AnyLaw, Response
 from dolfinx_joints.laws.strength import divided
-from dolfinx_joints.loads.load import FollowsJoints, Load, load_names
+from dolfinx_joints.loads.load import Load, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.statics.load_increments import Increment
@@ -22,9 +21,9 @@ from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import SolverOptions
 
-# Duration of the motion from rest that shows the mechanism [s]. It is much longer than the periods
-# of a dam, so that the mechanism exceeds the elastic displacements.
-MOTION_TIME = 1.0
+# Durations of the motion from rest that shows the mechanism [s], tried in turn. In longer motions
+# the mechanism exceeds the elastic displacements more, but rounding errors may prevent a solution.
+MOTION_TIMES = 0.3, 0.1, 0.03, 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +76,6 @@ class FailureTrials:
         time: Time at which the loads are evaluated [s].
         joints: Names of the joints whose strength is divided, empty for multiplied loads.
         multiplied: Loads that are multiplied.
-        laws: Laws by joint at F = 1.
         options: Tolerances and limits of Newton's method.
         kind: Solver, see `make_solver`.
 
@@ -95,14 +93,13 @@ class FailureTrials:
         time: float,
         joints: Sequence[str],
         multiplied: Sequence[Load],
-        laws: Mapping[str, AnyLaw],
         options: SolverOptions,
         kind: SolverKind,
     ) -> None:
         """Prepare the system and its solver; the joints get a copy of their laws (collective)."""
         assert model.contact is not None
-        self._contact = contact = model.contact.with_laws(laws)
-        self._laws, self._joints = laws, joints
+        self._laws, self._joints = model.contact.laws, joints
+        self._contact = contact = model.contact.with_laws(self._laws)
         system = model.system(only=acting, static=True)
         bulk = None if system.bulk is None else system.bulk.with_joints(contact)
         self._system = system = replace(system, contact=contact, bulk=bulk)
@@ -169,20 +166,22 @@ class FailureTrials:
         last.accept(solved, increment)
         return True
 
-    def motion(self, factor: float) -> tuple[Response, PETSc.Vec] | None:
-        """Return joints and displacement [m] of a motion from rest at a factor (collective).
+    def acceleration(self, factor: float) -> PETSc.Vec | None:
+        """Return the acceleration at the start of a motion at a factor [m/s^2] (collective).
 
-        The motion starts at the last equilibrium and takes one implicit step of `MOTION_TIME`. The
-        result is None if the body has no mass or the step does not converge.
+        The motion starts from rest at the last equilibrium and takes one implicit step of one of
+        the `MOTION_TIMES`. The result is None if the body has no mass or no step converges.
         """
-        if not self._system.mass.norm():
-            return None
         self._set(factor)
-        inertia = MatrixCoefficients(mass=1.0 / MOTION_TIME**2, damping=0.0, stiffness=1.0)
-        try:
-            return self._last.move(self._increment, inertia)
-        except JointsError:
-            return None
+        for time in MOTION_TIMES if self._system.mass.norm() else ():
+            inertia = MatrixCoefficients(mass=1.0 / time**2, damping=0.0, stiffness=1.0)
+            try:
+                moved = self._last.move(self._increment, inertia)
+            except JointsError:
+                continue
+            moved.scale(1.0 / time**2)
+            return moved
+        return None
 
     def _set(self, factor: float) -> None:
         """Set strengths or loads of the next increment."""

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Joint laws whose strength is divided by a factor, for factors of safety (34) of docs/theory."""
+"""Joint laws whose strength is divided by a factor, for factors of safety (31c) of docs/theory."""
 
 from __future__ import annotations
 

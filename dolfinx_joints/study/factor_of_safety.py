@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
+from mpi4py import MPI
+
 import annotated_types as at
 from petsc4py import PETSc
 
@@ -16,6 +18,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.common.summary import Rows, Summarised, names
+from dolfinx_joints.laws.law import variables_of
 from dolfinx_joints.loads.load import FollowsJoints, Load, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.resultants import JointForces
@@ -82,7 +85,7 @@ def factor_of_safety(
     largest: Annotated[float, at.Gt(1)] = 64.0,
     name: str | None = None,
 ) -> FactorOfSafety:
-    """Return the factor of safety of a static state (34), (collective).
+    """Return the factor of safety of a static state (31c) (collective).
 
     The strength of joints is divided by F, or loads are multiplied by F, until there is no
     equilibrium or the structure jumps to a distant equilibrium (`JumpError`). F starts at 1 and is
@@ -116,6 +119,21 @@ def factor_of_safety(
         JointsError: The model has no joints, there is no state, or there is no equilibrium even
             with 64 times the strength.
         ValueError: A joint has no strength, or a load cannot be multiplied.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.RigidJoint(friction_angle_deg=45.0)
+        >>> base = [dj.Fixed(group="base")]
+        >>> loads = [dj.Gravity(), dj.Gravity(acceleration=(3.0, 0.0, 0.0))]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=loads)
+        >>> run = dj.Simulation(model)
+        >>> state = run.statics()
+        >>> round(dj.factor_of_safety(run).factor, 2)  # the upper block slides: 9.81 / 3
+        3.27
     """
     model = simulation.model
     acting = model.loads if loads is None else loads
@@ -126,7 +144,7 @@ def factor_of_safety(
     if isinstance(before, DynamicState):
         before = state_at_rest(model, before)
     assert isinstance(before, StaticState)
-    check_grouted(before)
+    _check_start(model, before)
     name = stage_name(name, "factor of safety", simulation.stages)
     trials = FailureTrials(
         model,
@@ -157,6 +175,25 @@ def factor_of_safety(
         resultants=JointForces(model)(state.joints),
         acceleration=acceleration,
     )
+
+
+def _check_start(model: Model, start: StaticState) -> None:
+    """Check that a state belongs to the mesh and the joints of a model (collective)."""
+    check_grouted(start)
+    if start.absent:
+        raise JointsError(f"{', '.join(start.absent)} is absent in the static state.")
+    assert model.contact is not None
+    sizes = start.displacement.getSizes(), len(model.contact.initial_gap)
+    internal = max(len(variables_of(law)) for law in model.contact.laws.values())
+    joints = None if start.joints is None else start.joints.state
+    fits = sizes[0] == model.stiffness.createVecRight().getSizes()
+    if joints is not None:
+        fits &= len(joints.gap) == sizes[1] and joints.internal.shape[1] >= internal
+    if not model.jointed.mesh.comm.allreduce(fits, MPI.LAND):
+        raise ValueError(
+            "start is a state of another mesh, or of joints whose laws have other internal "
+            "variables; it must be a state of this mesh."
+        )
 
 
 def _bracket(trials: FailureTrials, tolerance: float, largest: float) -> tuple[float, float]:

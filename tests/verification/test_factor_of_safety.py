@@ -101,7 +101,10 @@ def test_block_on_a_plane_with_cohesion_and_water(options):
     assert float(safety.resultants["joint"].sliding_safety) == pytest.approx(expected, rel=1e-6)
     assert safety.state.energy.relative_error < 1e-8
     assert run.static is before
-    assert [s.name for s in run.stages[1:]] == ["factor of safety 1", "factor of safety 1, mechanism"]
+    assert [s.name for s in run.stages[1:]] == [
+        "factor of safety 1",
+        "factor of safety 1, mechanism",
+    ]
 
 
 @pytest.mark.mpi

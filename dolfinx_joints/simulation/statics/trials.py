@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.laws.strength import divided
 from dolfinx_joints.loads.load import Load, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.statics.load_increments import Increment
-from dolfinx_joints.simulation.statics.stage import Equilibrium, prepare
+from dolfinx_joints.simulation.statics.stage import Equilibrium
 from dolfinx_joints.simulation.statics.stage_start import carried_loads, start_of_stage
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
@@ -108,7 +109,9 @@ class FailureTrials:
         carried = carried_loads(system, before, start)
         self._last = _AtFactor(system, solver, before, start, carried, constant=False)
         named = zip(load_names(model.loads), model.loads, strict=True)
-        self._last.multiplied = [n for n, load in named if any(load is m for m in multiplied)]
+        of_loads = {name: load for name, load in named}
+        self._last.multiplied = [n for n, load in of_loads.items() if _contains(multiplied, load)]
+        self._missing = tuple(n for n, load in of_loads.items() if not _contains(acting, load))
         self._last.ledger.at_place = self._divide_on_path
         self._solver, self._start = solver, before.displacement
         self._increment = Increment(
@@ -121,7 +124,7 @@ class FailureTrials:
     @property
     def state(self) -> StaticState:
         """Last equilibrium."""
-        return self._last.state({})
+        return self._last.state({"missing": self._missing})
 
     def run(self, factor: float, *, all_solvers: bool) -> bool:
         """Solve for the equilibrium at a factor; return True and accept it if it is stable.
@@ -135,6 +138,7 @@ class FailureTrials:
             JointsError: The iteration on water in joints does not converge.
         """
         last = self._last
+        free_petsc_garbage(self._contact.operator.comm)
         self._set(factor)
         increment = replace(self._increment, shortest=all_solvers)
         try:
@@ -199,3 +203,8 @@ class FailureTrials:
             made = {key: divided(law, factor) for key, law in laws.items()}
             changed = {name: made[id(self._laws[name])] for name in self._joints}
             self._contact.set_laws({**self._laws, **changed})
+
+
+def _contains(loads: Sequence[Load], load: Load) -> bool:
+    """Return True if a load is one of the given loads."""
+    return any(load is one for one in loads)

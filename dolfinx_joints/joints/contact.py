@@ -107,20 +107,17 @@ class Contact:
 
     def set_laws(self, laws: Mapping[str, AnyLaw]) -> None:
         """Set the law of each joint, without a change of states that other objects store."""
-        names = self.operator.names
-        self.laws = {name: laws[name] for name in names}
+        operator = self.operator
+        self.laws = {name: laws[name] for name in operator.names}
         self._laws.clear()
-        for law in {id(law): law for law in self.laws.values()}.values():
-            members = [i for i, name in enumerate(names) if laws[name] is law]
-            points = np.flatnonzero(np.isin(self.operator.joint, members))
-            self._laws.append(LawPoints(law, points))
+        for law in {id(law): law for law in laws.values()}.values():
+            members = [i for i, name in enumerate(operator.names) if laws[name] is law]
+            self._laws.append(LawPoints(law, np.flatnonzero(np.isin(operator.joint, members))))
 
-    def with_laws(self, laws: Mapping[str, AnyLaw]) -> Contact:
-        """Return a copy with other laws of the joints."""
-        other = copy(self)
-        other.__dict__.pop("by_forms", None)
-        other._laws = []
-        other.set_laws(laws)
+    def with_own_laws(self) -> Contact:
+        """Return a copy whose laws can be set without a change of this object."""
+        other = self.with_operator(self.operator)
+        other._laws = [*self._laws]
         return other
 
     def with_operator(self, operator: GapOperator) -> Contact:

@@ -19,15 +19,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.kernels import inline
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.friction import FrictionNoTension, backward_euler_on
-from dolfinx_joints.laws.law import (
-    BACKWARD_EULER,
-    DISCRETE_GRADIENT,
-    Floats,
-    JointState,
-    Losses,
-    Response,
-    Rule,
-)
+from dolfinx_joints.laws.law import Floats, JointState, Losses, Response, Rule
 from dolfinx_joints.laws.points.discrete_gradient import discrete_gradient_on
 from dolfinx_joints.laws.points.return_mapping import Answer, Start, at_gap, closed_form_loop
 
@@ -48,8 +40,8 @@ def _shifted(point: Callable[..., None]) -> Callable[..., None]:
 
 
 _ON_COMPLIANCE = {
-    BACKWARD_EULER.name: _shifted(backward_euler_on),
-    DISCRETE_GRADIENT.name: _shifted(discrete_gradient_on),
+    "backward_euler": _shifted(backward_euler_on),
+    "discrete_gradient": _shifted(discrete_gradient_on),
 }
 
 
@@ -64,25 +56,10 @@ class AdhesiveJoint(FrictionNoTension):
     bonds that break. The law is code_aster's JOINT_MECA_FROT without tangential hardening.
 
     Attributes:
-        normal_stiffness: k_n.
-        shear_stiffness: k_s.
-        friction_angle_deg: alpha, above zero; give either this or `friction_coefficient`.
-        friction_coefficient: Mu = tan(alpha).
-        adhesion: c.
+        adhesion: c. All other parameters are those of `FrictionNoTension`.
 
     Raises:
         ValueError: The friction is zero.
-
-    Example:
-        >>> import numpy as np
-        >>> import dolfinx_joints as dj
-        >>> from dolfinx_joints.laws.law import JointState
-        >>> law = dj.AdhesiveJoint(
-        ...     normal_stiffness=1e9, shear_stiffness=1e9, friction_angle_deg=45.0, adhesion=2e5
-        ... )
-        >>> gap = np.array([[-0.001, 0.004, 0.0]])  # overlap 1 mm, tangential 4 mm [m]
-        >>> law.backward_euler(gap, JointState.at_rest(np.zeros((1, 3)))).traction.round()  # [Pa]
-        array([[-1000000.,  1200000.,        0.]])
     """
 
     loops: ClassVar[Mapping[str, Any]] = {n: closed_form_loop(p) for n, p in _ON_COMPLIANCE.items()}
@@ -94,10 +71,7 @@ class AdhesiveJoint(FrictionNoTension):
     def __post_init__(self) -> None:
         """Set friction angle and coefficient."""
         if not set_friction(self)[0] > 0.0:
-            raise ValueError(
-                "AdhesiveJoint: friction_angle_deg is 0; it must be positive, because the tension "
-                "c / tan(alpha) would be unlimited."
-            )
+            raise ValueError("AdhesiveJoint: friction_angle_deg is 0 degrees; it must be positive.")
 
     @property
     def largest_tension(self) -> float:
@@ -106,9 +80,8 @@ class AdhesiveJoint(FrictionNoTension):
 
     def stored_energy(self, state: JointState) -> Floats:
         """Return the energy of gap' plus R gap_n, zero at a gap of zero, shape (n,), [J/m^2]."""
-        tension, gap = self.largest_tension, state.gap[:, 0]
-        constant = 0.5 * tension**2 / self.normal_stiffness
-        return super().stored_energy(self._shift(state)) + tension * gap - constant
+        height = state.gap[:, 0] - 0.5 * self.largest_tension / self.normal_stiffness
+        return super().stored_energy(self._shift(state)) + self.largest_tension * height
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Return the losses (30) of a backward Euler step; see `LawWithLosses`."""
@@ -122,6 +95,5 @@ class AdhesiveJoint(FrictionNoTension):
 
     def _shift(self, state: JointState) -> JointState:
         """Return a state with gap' = gap - R / k_n."""
-        gap = state.gap.copy()
-        gap[:, 0] -= self.largest_tension / self.normal_stiffness
-        return replace(state, gap=gap)
+        shift = self.largest_tension / self.normal_stiffness
+        return replace(state, gap=state.gap - [shift, 0.0, 0.0])

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Joint laws whose strength is divided by a factor, for factors of safety (31c) of docs/theory."""
+"""Joint laws with divided strength, for factors of safety."""
 
 from __future__ import annotations
 
@@ -8,43 +8,35 @@ import math
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
-from dolfinx_joints.laws.law import AnyLaw
-
-# Parameters that are divided, and friction angles whose tangent is divided.
+# Parameters that are divided; friction angles follow the coefficient.
 STRENGTHS = ("friction_coefficient", "cohesion", "adhesion", "tensile_strength", "tooth_cohesion")
-ANGLES = ("tooth_friction_angle_deg",)
 
 
-def divided(law: AnyLaw, factor: float) -> AnyLaw:
-    """Return a law with tan(phi), cohesion, adhesion and tensile strength divided by a factor F.
+def divided(law: Any, factor: float) -> Any:
+    """Return a law with tan(phi), cohesion and tensile strength divided by a factor (31c).
 
-    Stiffnesses, fracture energies and shapes do not change. The dilatancy angle is at most the
-    reduced friction angle, and f_t at most c / tan(phi), which a factor below 1 may exceed.
+    The dilatancy angle is at most the new friction angle, f_t at most c / tan(phi).
 
     Raises:
         ValueError: The law has no parameter of strength.
     """
-    inner = getattr(law, "law", None)  # A law with dashpots contains another law.
-    if inner is not None and is_dataclass(law) and not isinstance(law, type):
-        return replace(law, law=divided(inner, factor))
+    if hasattr(law, "law"):  # A law with dashpots contains another law.
+        return replace(law, law=divided(law.law, factor))
     names = [f.name for f in fields(law)] if is_dataclass(law) else []
     given = {name: getattr(law, name) for name in names}
-    changed: dict[str, Any] = {n: given[n] / factor for n in STRENGTHS if given.get(n)}
-    for name in ANGLES:
-        if given.get(name):
-            tangent = math.tan(math.radians(given[name])) / factor
-            changed[name] = math.degrees(math.atan(tangent))
-    if not {*STRENGTHS, *ANGLES} & {*names}:
+    if not given.keys() & {*STRENGTHS}:
         raise ValueError(
             f"{type(law).__name__} has no strength that can be divided; choose joints whose laws "
-            f"have one of these parameters: {', '.join((*STRENGTHS, *ANGLES))}."
+            f"have one of these parameters: {', '.join(STRENGTHS)}."
         )
+    changed = {name: given[name] / factor for name in STRENGTHS if name in given}
     if mu := changed.get("friction_coefficient"):
-        changed["friction_angle_deg"] = None
-        if given.get("dilatancy_angle_deg"):
-            reduced = math.degrees(math.atan(mu))
-            changed["dilatancy_angle_deg"] = min(given["dilatancy_angle_deg"], reduced)
-        if "tensile_strength" in changed:
-            limit = changed.get("cohesion", 0.0) / mu
+        changed["friction_angle_deg"] = angle = math.degrees(math.atan(mu))
+        if "dilatancy_angle_deg" in given:
+            changed["dilatancy_angle_deg"] = min(given["dilatancy_angle_deg"], angle)
+            limit = changed["cohesion"] / mu
             changed["tensile_strength"] = min(changed["tensile_strength"], limit)
-    return replace(law, **changed)  # type: ignore[type-var]
+    if given.get("tooth_friction_angle_deg"):
+        mu = math.tan(math.radians(given["tooth_friction_angle_deg"])) / factor
+        changed["tooth_friction_angle_deg"] = math.degrees(math.atan(mu))
+    return replace(law, **changed)

@@ -85,7 +85,7 @@ def test_sliding_points_are_on_the_cone():
 
 
 def test_refusals():
-    with pytest.raises(ValueError, match="friction_angle_deg is 0; it must be positive"):
+    with pytest.raises(ValueError, match="friction_angle_deg is 0 degrees; it must be positive"):
         AdhesiveJoint(**STIFF | {"friction_coefficient": 0.0}, adhesion=1e6)
     with pytest.raises(ValueError, match="law has adhesion; dashpots need"):
         ViscousJoint(law=LAW, normal_viscosity=1e6)

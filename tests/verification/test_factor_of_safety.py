@@ -76,11 +76,10 @@ def planar(cohesion, mu, pressure):
     return (cohesion * LENGTH + (PRESSING - pressure * LENGTH) * mu) / DRIVING
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     "options",
     [
-        {},
+        pytest.param({}, marks=pytest.mark.mpi),
         {"solver": "monolithic"},
         {"young": 1e9},
         {"normal_stiffness": 1e9},
@@ -107,7 +106,6 @@ def test_block_on_a_plane_with_cohesion_and_water(options):
     ]
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("law", [dj.FrictionNoTension, dj.MohrCoulombJoint, dj.RigidJoint])
 def test_mechanism_slides_down_the_plane(law):
     stiff = {} if law is dj.RigidJoint else STIFF
@@ -189,10 +187,17 @@ def groove(laws, pressures, slope=GROOVE, plunge=PLUNGE):
     return dj.Simulation(model)
 
 
-@pytest.mark.mpi
-@pytest.mark.parametrize("ratio", [1.0, 5.0])
-@pytest.mark.parametrize("wet", [False, True])
-def test_block_on_two_planes(ratio, wet):
+@pytest.mark.parametrize(
+    ("ratio", "wet", "joints"),
+    [
+        (1.0, False, None),
+        (5.0, False, None),
+        (5.0, False, ["left"]),
+        pytest.param(1.0, True, None, marks=pytest.mark.mpi),
+        (5.0, True, None),
+    ],
+)
+def test_block_on_two_planes(ratio, wet, joints):
     """Weight and water across the line of intersection are carried by the two normal forces."""
     angle, cohesion = {"left": 30.0, "right": 24.0}, {"left": 2e3, "right": 6e3}
     pressures = {"left": 6e3, "right": 3e3} if wet else {}
@@ -218,12 +223,32 @@ def test_block_on_two_planes(ratio, wet):
     load = weight + sum(water[n] * normals[n] for n in normals)
     matrix = np.column_stack([*normals.values(), line])
     *pressed, driving = np.linalg.solve(matrix, -load)
-    strength = sum(
-        force * laws[n].friction_coefficient + cohesion[n] * geometry[n].area
+    strength = {
+        n: force * laws[n].friction_coefficient + cohesion[n] * geometry[n].area
         for n, force in zip(normals, pressed, strict=True)
-    )
+    }
+    kept = sum(strength[n] for n in strength if n not in (joints or strength))
+    divided_strength = sum(strength.values()) - kept
+    safety = dj.factor_of_safety(run, joints=joints)
+    assert safety.factor == exactly(divided_strength / (-driving - kept))
+
+
+def test_no_failure_and_refusals():
+    run = on_slope(dj.FrictionNoTension(**STIFF, friction_angle_deg=40.0), slope=0.0)
+    with pytest.raises(dj.JointsError, match="needs a static state"):
+        dj.factor_of_safety(run)
+    run.statics()
     safety = dj.factor_of_safety(run)
-    assert safety.factor == exactly(strength / -driving)
+    assert (safety.factor, safety.upper, safety.acceleration) == (64.0, math.inf, None)
+    with pytest.raises(ValueError, match="Gravity cannot be multiplied"):
+        dj.factor_of_safety(run, method="load", multiplied=[dj.Gravity()])
+    with pytest.raises(ValueError, match="no joint whose strength"):
+        dj.factor_of_safety(run, joints=[])
+    other = groove(dj.FrictionNoTension(**STIFF, friction_angle_deg=40.0), {})
+    with pytest.raises(ValueError, match="start is a state of another mesh"):
+        dj.factor_of_safety(other, start=run.static)
+    with pytest.raises(dj.JointsError, match="no equilibrium at any factor"):
+        dj.factor_of_safety(on_slope(dj.frictionless(normal_stiffness=1e10)), start=run.static)
 
 
 def test_divided_strength():

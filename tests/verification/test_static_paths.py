@@ -176,7 +176,6 @@ def test_a_wedge_without_a_spring_has_no_equilibrium_beyond_its_limit(solver):
 ROOF = [(1.0, 1.0), (5.0, 1.0), (20.0, 1.0), (1.0, 2.0), (20.0, 2.0)]
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(("ratio", "squeeze"), ROOF)
 def test_factor_of_safety_of_a_wedge_depends_on_stiffness_and_prestress(ratio, squeeze):
     """The load at which the closed form with tan(phi) / F has its limit; the rock is nearly rigid.

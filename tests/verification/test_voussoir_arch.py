@@ -428,9 +428,6 @@ def test_factors_of_safety(thickness):
     run.statics()
     by_load = dj.factor_of_safety(run, method="load", multiplied=[push])
     by_strength = dj.factor_of_safety(run)
-    print(
-        f"t/R {thickness}: {by_load.factor:.4f} of {load:.4f}, {by_strength.factor:.4f} of {strength:.4f}"
-    )
     assert by_load.factor == pytest.approx(load, rel=1.2e-3)
     assert by_strength.factor == pytest.approx(strength, rel=1.2e-3)
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Status
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
@@ -56,24 +57,31 @@ def start_of_stage(system: MatrixSystem, before: StaticState) -> Response | None
 def state_at_rest(model: Model, end: DynamicState) -> StaticState:
     """Return a dynamic state as the start of a static stage (collective).
 
-    Its remaining inertia and damping forces, and its strain energy, count as `CONSTRUCTION`.
+    Remaining forces of inertia and damping, and the strain energy, count as `CONSTRUCTION`.
     """
-    start, forces = unloaded_state(model), model.system(static=True).internal_forces
-    joints = end.joints
-    if joints is not None and forces is not None and not (model.contact and model.contact.rigid):
+    start, system, joints = unloaded_state(model), model.system(static=True), end.joints
+    forces, contact = system.internal_forces, system.contact
+    if forces is not None and joints is not None and not (contact and contact.rigid):
         # Midpoint schemes store mean tractions of the last step: evaluate the laws at its end.
-        still = model.stiffness.createVecRight()
-        still.set(0.0)
-        joints = forces.respond(still, joints.state, BACKWARD_EULER)
-    strain = end.strain_energy
-    energy = replace(start.energy, strain=strain, input_by_load={CONSTRUCTION: strain})
-    return replace(
-        start,
-        displacement=end.displacement.copy(),
-        joints=joints,
-        reaction=end.reaction.copy(),
-        energy=energy,
-    )
+        joints = forces.respond(system.vector(), joints.state, BACKWARD_EULER)
+    works = {CONSTRUCTION: end.strain_energy}
+    energy = replace(start.energy, strain=end.strain_energy, input_by_load=works)
+    facts = {"joints": joints, "energy": energy, "reaction": end.reaction}
+    return replace(start, displacement=end.displacement, **facts)
+
+
+def check_fits(model: Model, start: StaticState) -> None:
+    """Check that a state has the mesh and the internal variables of a model, and no idle joints."""
+    contact, joints, unfinished = model.contact, start.joints, [*start.inactive, *start.absent]
+    if unfinished:
+        raise JointsError(f"{unfinished[0]} does not act in the static state.")
+    fits = start.displacement.getSizes() == model.stiffness.createVecRight().getSizes()
+    if contact is not None and joints is not None:
+        needed = contact.resting(contact.initial_gap)
+        fits &= len(joints.state.gap) == len(needed.gap)
+        fits &= joints.state.internal.size >= needed.internal.size
+    if not all(model.jointed.mesh.comm.allgather(fits)):
+        raise ValueError("start is a state of another mesh or of laws with other variables.")
 
 
 def without_traction(state: JointState) -> Response:

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.laws.strength import divided
-from dolfinx_joints.loads.load import Load, load_names
+from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.statics.load_increments import Increment
@@ -29,60 +29,25 @@ MOTION_TIMES = 0.3, 0.1, 0.03, 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """Result of a trial: a static increment from the last equilibrium to a factor.
+    """Static increment from the last equilibrium to a factor.
 
     Attributes:
         factor: F.
         outcome: ``equilibrium``, ``jump`` to a distant equilibrium, or ``no equilibrium``.
         displacement: Largest change of a displacement component since the first state [m].
-        released: Energy that the increment releases [J], see (31b).
-        sliding: Share of the joint points that slide or are open.
-        iterations: Iterations of the solver, 0 if no solution was found.
     """
 
     factor: float
     outcome: str
     displacement: float = float("nan")
-    released: float = 0.0
-    sliding: float = float("nan")
-    iterations: int = 0
-
-    @property
-    def stable(self) -> bool:
-        """True if the increment ends at an equilibrium without a jump."""
-        return self.outcome == "equilibrium"
 
 
-class _AtFactor(Equilibrium):
-    """Equilibrium under loads of which the ``multiplied`` ones have a factor."""
+class FailureTrials(Equilibrium):
+    """Trials at changing factors; each equilibrium is the start of the next trials.
 
-    multiplied: Sequence[str] = ()
-    factor = 1.0
-
-    def _loads(self, increment: Increment) -> dict[str, PETSc.Vec]:
-        """Return the loads by name at the factor [N] (collective)."""
-        loads = super()._loads(increment)
-        for name in self.multiplied:
-            loads[name].scale(self.factor)
-        return loads
-
-
-class FailureTrials:
-    """Trials at increasing factors; each stable trial is the start of the next ones.
-
-    Args:
-        model: The model.
-        before: State from which the first trial starts.
-        acting: Loads that act.
-        time: Time at which the loads are evaluated [s].
-        joints: Names of the joints whose strength is divided, empty for multiplied loads.
-        multiplied: Loads that are multiplied.
-        options: Tolerances and limits of Newton's method.
-        kind: Solver, see `make_solver`.
-
-    Attributes:
-        rows: All trials so far.
-        factor: Factor of the last equilibrium, None before the first one.
+    ``acting`` are the loads at a time [s]. The factor multiplies those with names ``multiplied``,
+    and divides the strengths of ``joints``. The attribute ``trials`` lists all trials. Other
+    arguments are those of `march`.
     """
 
     def __init__(
@@ -90,121 +55,93 @@ class FailureTrials:
         model: Model,
         before: StaticState,
         acting: Sequence[Load],
+        options: SolverOptions,
+        kind: SolverKind,
         *,
         time: float,
         joints: Sequence[str],
-        multiplied: Sequence[Load],
-        options: SolverOptions,
-        kind: SolverKind,
+        multiplied: Sequence[str],
     ) -> None:
         """Prepare the system and its solver; the joints get a copy of their laws (collective)."""
         assert model.contact is not None
-        self._laws, self._joints = model.contact.laws, joints
-        self._contact = contact = model.contact.with_laws(self._laws)
+        self._laws, self._joints, self._multiplied = model.contact.laws, joints, multiplied
+        self._contact = contact = model.contact.with_own_laws()
         system = model.system(only=acting, static=True)
         bulk = None if system.bulk is None else system.bulk.with_joints(contact)
-        self._system = system = replace(system, contact=contact, bulk=bulk)
+        system = replace(system, contact=contact, bulk=bulk)
         start = start_of_stage(system, before)
         solver = make_solver(system, options, kind, static_steps=1)
-        carried = carried_loads(system, before, start)
-        self._last = _AtFactor(system, solver, before, start, carried, constant=False)
-        named = zip(load_names(model.loads), model.loads, strict=True)
-        of_loads = {name: load for name, load in named}
-        self._last.multiplied = [n for n, load in of_loads.items() if _contains(multiplied, load)]
-        self._missing = tuple(n for n, load in of_loads.items() if not _contains(acting, load))
-        self._last.ledger.at_place = self._divide_on_path
-        self._solver, self._start = solver, before.displacement
-        self._increment = Increment(
-            time=time, share=1.0, whole=True, shortest=True, step=1, start=0.0
+        super().__init__(
+            system, solver, before, start, carried_loads(system, before, start), constant=False
         )
-        self._strengths = 1.0, 1.0
-        self.rows: list[Trial] = []
-        self.factor: float | None = None
-
-    @property
-    def state(self) -> StaticState:
-        """Last equilibrium."""
-        return self._last.state({"missing": self._missing})
+        self.ledger.at_place = self._divide_on_path if joints else None
+        self._first, self._factors = before.displacement, (1.0, 1.0)
+        ends = {"share": 1.0, "start": 0.0}
+        self._increment = Increment(time=time, whole=True, shortest=True, step=1, **ends)
+        self.trials: list[Trial] = []
 
     def run(self, factor: float, *, all_solvers: bool) -> bool:
-        """Solve for the equilibrium at a factor; return True and accept it if it is stable.
+        """Solve at a factor; return True and accept the equilibrium if there is no jump.
 
-        Args:
-            factor: F.
-            all_solvers: True if other starts, other solvers and pseudo-time are tried as well.
+        With ``all_solvers`` other starts, other solvers and pseudo-time are tried as well.
 
         Raises:
             ConvergenceError: A law returned NaN or infinity.
             JointsError: The iteration on water in joints does not converge.
         """
-        last = self._last
         free_petsc_garbage(self._contact.operator.comm)
         self._set(factor)
         increment = replace(self._increment, shortest=all_solvers)
         try:
-            solved = last.solve(increment)
+            solved = self.solve(increment)
         except ConvergenceError as failure:
             if failure.law is not None:
                 raise
-            self.rows.append(Trial(factor=factor, outcome="no equilibrium"))
+            self.trials.append(Trial(factor=factor, outcome="no equilibrium"))
             return False
-        energy = last.ledger.after(solved)
-        released = energy.released - last.ledger.energy.released
-        change = last.displacement - self._start
-        change.axpy(1.0, solved.change)
-        assert solved.after is not None
-        counts = self._contact.counts(solved.after.status)
-        self.rows.append(
-            Trial(
-                factor=factor,
-                outcome="jump" if released > 0.0 else "equilibrium",
-                displacement=float(change.norm(PETSc.NormType.INFINITY)),
-                released=released,
-                sliding=(counts.slip + counts.open) / max(counts.total, 1),
-                iterations=solved.report.iterations,
-            )
-        )
-        if released > 0.0:
-            return False
-        last.ledger.energy, self.factor = energy, factor
-        last.accept(solved, increment)
-        return True
+        energy = self.ledger.after(solved)
+        stable = energy.released <= self.ledger.energy.released
+        change = self.displacement - self._first + solved.change
+        outcome, size = "equilibrium" if stable else "jump", change.norm(PETSc.NormType.INFINITY)
+        self.trials.append(Trial(factor=factor, outcome=outcome, displacement=float(size)))
+        if stable:
+            self.ledger.energy, self._factors = energy, (factor, factor)
+            self.accept(solved, increment)
+        return stable
 
     def acceleration(self, factor: float) -> PETSc.Vec | None:
-        """Return the acceleration at the start of a motion at a factor [m/s^2] (collective).
+        """Return the acceleration at a factor, from rest at the last equilibrium [m/s^2] (31d).
 
-        The motion starts from rest at the last equilibrium and takes one implicit step of one of
-        the `MOTION_TIMES`. The result is None if the body has no mass or no step converges.
+        It is the mean in an implicit step over one of the `MOTION_TIMES`. The result is None if the
+        body has no mass or no step converges (collective).
         """
         self._set(factor)
         for time in MOTION_TIMES if self._system.mass.norm() else ():
             inertia = MatrixCoefficients(mass=1.0 / time**2, damping=0.0, stiffness=1.0)
             try:
-                moved = self._last.move(self._increment, inertia)
+                return self.move(self._increment, inertia) / time**2
             except JointsError:
                 continue
-            moved.scale(1.0 / time**2)
-            return moved
         return None
 
+    def _loads(self, increment: Increment) -> dict[str, PETSc.Vec]:
+        """Return the loads by name at the factor [N] (collective)."""
+        loads = super()._loads(increment)
+        for name in self._multiplied:
+            loads[name].scale(self._factors[1])
+        return loads
+
     def _set(self, factor: float) -> None:
-        """Set strengths or loads of the next increment."""
-        if self._joints:
-            self._strengths = 1.0 / (self.factor or factor), 1.0 / factor
-            self._divide_on_path(1.0)
-        self._last.factor = 1.0 if self._joints else factor
+        """Set the factor at the end of the next increment."""
+        self._factors = self._factors[0] if self.reports else factor, factor
+        self._divide_on_path(1.0)
 
     def _divide_on_path(self, place: float) -> None:
         """Set the strength at a place of the increment, from 0 to 1; it varies linearly."""
-        if self._joints:
-            start, end = self._strengths
-            factor = 1.0 / ((1.0 - place) * start + place * end)
-            laws = {id(law): law for law in (self._laws[name] for name in self._joints)}
-            made = {key: divided(law, factor) for key, law in laws.items()}
-            changed = {name: made[id(self._laws[name])] for name in self._joints}
-            self._contact.set_laws({**self._laws, **changed})
-
-
-def _contains(loads: Sequence[Load], load: Load) -> bool:
-    """Return True if a load is one of the given loads."""
-    return any(load is one for one in loads)
+        start, end = self._factors
+        factor = 1.0 / ((1.0 - place) / start + place / end)
+        laws = {id(self._laws[name]): self._laws[name] for name in self._joints}
+        made = {key: divided(law, factor) for key, law in laws.items()}
+        self._contact.set_laws(
+            self._laws | {name: made[id(self._laws[name])] for name in self._joints}
+        )

@@ -16,7 +16,6 @@ import numpy as np
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.kernels import inline, njit
 from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.laws.adhesive import AdhesiveJoint
 from dolfinx_joints.laws.law import (
     EnergyConsistentLaw,
     Floats,
@@ -87,7 +86,7 @@ class ViscousJoint:
         if isinstance(self.law, ViscousJoint):
             raise ValueError("ViscousJoint: law already has dashpots; change their viscosities.")
         dilates = isinstance(self.law, MohrCoulombJoint) and self.law.dilatancy_angle_deg
-        adheres = isinstance(self.law, AdhesiveJoint)
+        adheres = getattr(self.law, "adhesion", 0.0)
         if dilates or adheres or isinstance(self.law, ShearKeyJoint):
             feature = "a dilatancy angle" if dilates else "adhesion" if adheres else "shear keys"
             raise ValueError(

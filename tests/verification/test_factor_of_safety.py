@@ -125,7 +125,6 @@ def test_mechanism_slides_down_the_plane(law):
     assert largest(acceleration @ [sine, cosine]) < 0.01 * largest(along)
 
 
-@pytest.mark.mpi
 @pytest.mark.filterwarnings("ignore:Joint 'joint'")
 def test_after_an_earthquake_with_full_uplift_and_residual_strength():
     """The block slides in the motion; then it has more water below it and less friction."""
@@ -144,7 +143,6 @@ def test_after_an_earthquake_with_full_uplift_and_residual_strength():
     assert largest(outcome.state.joints.state.gap[:, 1]) > 0.005  # it slid in the motion
 
 
-@pytest.mark.mpi
 def test_overturning_block_by_multiplied_load():
     """A traction p on the back of height h overturns a block of length b if p h^2 / 2 = W b / 2."""
     pressure = 0.2 * WEIGHT

@@ -58,9 +58,10 @@ class FactorOfSafety(Summarised):
     acceleration: PETSc.Vec | None
 
     def _summary(self) -> Rows:
-        yield "factor of safety", f"{self.factor:.4g}, fails at {self.upper:.4g}"
+        failure = "" if self.upper == math.inf else self.trials[-1].outcome
+        yield "factor of safety", f"{self.factor:.4g}" if failure else "none up to 64"
         yield "of", names(self.of)
-        yield "failure", "" if self.upper == math.inf else self.trials[-1].outcome
+        yield "failure", f"{failure} at {self.upper:.4g}" if failure else ""
         yield "trials", len(self.trials)
 
 

@@ -244,6 +244,7 @@ def test_no_failure_and_refusals():
     run.statics()
     safety = dj.factor_of_safety(run)
     assert (safety.factor, safety.upper, safety.acceleration) == (64.0, math.inf, None)
+    assert "none up to 64" in repr(safety)
     with pytest.raises(ValueError, match="Gravity cannot be multiplied"):
         dj.factor_of_safety(run, method="load", multiplied=[dj.Gravity()])
     with pytest.raises(ValueError, match="no joint whose strength"):

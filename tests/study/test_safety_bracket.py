@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Search for the factor of safety among trials that fail at a limit, and in steps that are too long.
+"""Search for the factor of safety: trials fail at a limit, and in steps that are too long.
 
 Factors of models are in `verification/test_factor_of_safety`.
 """

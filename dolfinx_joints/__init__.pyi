@@ -31,6 +31,7 @@ from .export.comparison import compare as compare
 from .export.csv_files import write_csv as write_csv
 from .joints.ufl_law import PotentialJoint as PotentialJoint
 from .joints.ufl_law import TractionJoint as TractionJoint
+from .laws.adhesive import AdhesiveJoint as AdhesiveJoint
 from .laws.friction import FrictionNoTension as FrictionNoTension
 from .laws.friction import frictionless as frictionless
 from .laws.keyed import KeyedJoint as KeyedJoint
@@ -113,6 +114,8 @@ from .simulation.monitor import Monitor as Monitor
 from .simulation.simulation import Simulation as Simulation
 from .solvers.step_solver import SolverOptions as SolverOptions
 from .study.accuracy import accuracy as accuracy
+from .study.factor_of_safety import FactorOfSafety as FactorOfSafety
+from .study.factor_of_safety import factor_of_safety as factor_of_safety
 from .time_integration.midpoint import EnergyConsistent as EnergyConsistent
 from .time_integration.midpoint import ImplicitContact as ImplicitContact
 from .time_integration.newmark import GeneralizedAlpha as GeneralizedAlpha

@@ -78,11 +78,8 @@ class Contact:
         missing = [name for name in operator.names if name not in by_name]
         if missing:
             raise MeshError(f"The joint {missing[0]!r} has no law.")
-        self.laws = {name: by_name[name] for name in operator.names}
         self._laws: list[LawPoints] = []
-        for law in {id(law): law for law in by_name.values()}.values():
-            members = [i for i, name in enumerate(operator.names) if by_name[name] is law]
-            self._laws.append(LawPoints(law, np.flatnonzero(np.isin(operator.joint, members))))
+        self.set_laws(by_name)
         self._variables = max((part.variables for part in self._laws), default=0)
         self.acting: Flags = np.ones(len(operator.joint), dtype=bool)
         self.tied = operator.tied
@@ -107,6 +104,21 @@ class Contact:
         if not isinstance(self.operator, JointOperator):
             raise JointsError("Interior-facet integrals need joints of a mesh, not of a matrix.")
         return self.with_operator(FormOperator(self.operator))
+
+    def set_laws(self, laws: Mapping[str, AnyLaw]) -> None:
+        """Set the law of each joint, without a change of states that other objects store."""
+        operator = self.operator
+        self.laws = {name: laws[name] for name in operator.names}
+        self._laws.clear()
+        for law in {id(law): law for law in laws.values()}.values():
+            members = [i for i, name in enumerate(operator.names) if laws[name] is law]
+            self._laws.append(LawPoints(law, np.flatnonzero(np.isin(operator.joint, members))))
+
+    def with_own_laws(self) -> Contact:
+        """Return a copy whose laws can be set without a change of this object."""
+        other = self.with_operator(self.operator)
+        other._laws = [*self._laws]
+        return other
 
     def with_operator(self, operator: GapOperator) -> Contact:
         """Return a copy with these laws and points on another operator."""

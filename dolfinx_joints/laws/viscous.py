@@ -53,12 +53,12 @@ class ViscousJoint:
     statics the dashpots have no traction.
 
     Attributes:
-        law: Law of finite stiffness without dashpots, dilatancy or shear keys.
+        law: Law of finite stiffness without dashpots, dilatancy, adhesion or shear keys.
         normal_viscosity: eta_n.
         shear_viscosity: eta_s.
 
     Raises:
-        ValueError: ``law`` is not a `Law`, or has dashpots, dilatancy or shear keys.
+        ValueError: ``law`` is not a `Law`, or has dashpots, dilatancy, adhesion or shear keys.
 
     Example:
         >>> import numpy as np
@@ -86,8 +86,9 @@ class ViscousJoint:
         if isinstance(self.law, ViscousJoint):
             raise ValueError("ViscousJoint: law already has dashpots; change their viscosities.")
         dilates = isinstance(self.law, MohrCoulombJoint) and self.law.dilatancy_angle_deg
-        if dilates or isinstance(self.law, ShearKeyJoint):
-            feature = "a dilatancy angle" if dilates else "shear keys"
+        adheres = getattr(self.law, "adhesion", 0.0)
+        if dilates or adheres or isinstance(self.law, ShearKeyJoint):
+            feature = "a dilatancy angle" if dilates else "adhesion" if adheres else "shear keys"
             raise ValueError(
                 f"ViscousJoint: law has {feature}; dashpots need a law that closes at a gap "
                 "of zero."

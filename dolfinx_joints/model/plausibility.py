@@ -45,6 +45,7 @@ RANGES = {
     "normal_stiffness": _STIFFNESS,
     "shear_stiffness": _STIFFNESS,
     "cohesion": _STRENGTH,
+    "adhesion": _STRENGTH,
     "tooth_cohesion": _STRENGTH,
     "tensile_strength": _STRENGTH,
     "tensile": Range(1e4, 2e6, 3e7, "Pa", {"MPa": 1e6, "kPa": 1e3}),

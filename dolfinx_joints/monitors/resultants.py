@@ -38,7 +38,8 @@ _WATER = {"water_force": slice(10, 13), "water_moment": slice(13, 16)}
 def strengths(contact: Contact) -> dict[str, dict[str, Any]]:
     """Return kind, friction angle [degrees] and cohesion [Pa] of each joint's law, for metadata.
 
-    For a law without these parameters the angle is None and the cohesion is zero.
+    For a law without these parameters the angle is None and the cohesion is zero. For an adhesion,
+    which does not break, ``adheres`` is true.
     """
     parameters = {}
     for joint, law in contact.laws.items():
@@ -48,6 +49,8 @@ def strengths(contact: Contact) -> dict[str, dict[str, Any]]:
             "friction_angle_deg": getattr(inner, "friction_angle_deg", None),
             "cohesion": getattr(inner, "cohesion", 0.0),
         }
+        if adhesion := getattr(inner, "adhesion", 0.0):
+            parameters[joint] |= {"cohesion": adhesion, "adheres": True}
     return parameters
 
 
@@ -114,7 +117,8 @@ class JointForces:
         self._arms = model.operator.points - centroids[model.operator.joint]
         self._laws = strengths(model.contact)
         bonded = breakable_joints(model.contact)
-        cohesion = [self._laws[name]["cohesion"] * (name in bonded) for name in self.names]
+        kept = {*bonded, *(name for name in self.names if "adheres" in self._laws[name])}
+        cohesion = [self._laws[name]["cohesion"] * (name in kept) for name in self.names]
         self._cohesion = np.array(cohesion)[self._operator.joint]
         self._bonds = bool(bonded)
 
@@ -162,7 +166,7 @@ class JointForces:
         return self._operator.frames[:, 0] * (self.areas * pressure)[..., None]
 
     def cohesion(self, joints: Response) -> Floats:
-        """Return the cohesion of local points with intact bonds, zero elsewhere, (n,), [Pa]."""
+        """Return the cohesion of local points, zero if their bond is broken, shape (n,), [Pa]."""
         if not self._bonds:
             return self._cohesion
         return self._cohesion * (1 - broken_points(self._contact, joints))

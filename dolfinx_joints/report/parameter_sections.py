@@ -31,6 +31,7 @@ _UNITS = {
     "friction_angle_deg": ("friction angle [°]", 1.0),
     "dilatancy_angle_deg": ("dilatancy angle [°]", 1.0),
     "cohesion": ("cohesion [MPa]", 1e-6),
+    "adhesion": ("adhesion [MPa]", 1e-6),
     "flank_angle_deg": ("angle of the flanks [°]", 1.0),
     "spacing": ("spacing of the teeth [m]", 1.0),
     "tooth_width": ("width of the teeth [m]", 1.0),

@@ -156,7 +156,7 @@ class Simulation:
         name = stage_name(name, "statics", self.stages)
         path = [(None, step / steps) for step in range(1, steps + 1)]
         self.static = self._march(name, path, acting, stage=stage, allow_jumps=allow_jumps)
-        self._add_stage(stage_record(self.model, name, 0.0, self.static, acting))
+        self.add_stage(stage_record(self.model, name, 0.0, self.static, acting))
         return self.static
 
     @checked
@@ -197,7 +197,7 @@ class Simulation:
         self.static = grout_joints(
             self.model, self.static, joints, gap=gap, pressure=pressure, press=press
         )
-        self._add_stage(grout_record(self.model, name, self.static, self.stages))
+        self.add_stage(grout_record(self.model, name, self.static, self.stages))
         return self.static
 
     @checked
@@ -228,7 +228,7 @@ class Simulation:
         def add_step(time: float, state: StaticState) -> None:
             label = name if len(times) == 1 else f"{name}, t = {time:g} s"
             self.static = state
-            self._add_stage(stage_record(self.model, label, time, state, self.model.loads))
+            self.add_stage(stage_record(self.model, label, time, state, self.model.loads))
 
         check_grouted(self.static)
         path = [(float(t), 1.0) for t in times]
@@ -236,7 +236,7 @@ class Simulation:
         self.static = self._march(name, path, self.model.loads, **options)
         return self.static
 
-    def _add_stage(self, stage: StageRecord) -> None:
+    def add_stage(self, stage: StageRecord) -> None:
         """Add a static stage and pass it to the monitors (collective)."""
         self.stages.append(stage)
         for monitor in self.monitors:

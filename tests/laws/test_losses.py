@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dolfinx_joints.laws.adhesive import AdhesiveJoint
 from dolfinx_joints.laws.friction import FrictionNoTension
 from dolfinx_joints.laws.keyed import KeyedJoint
 from dolfinx_joints.laws.law import JointState, LawWithHistory, LawWithLosses, Status
@@ -33,6 +34,7 @@ BOND = MohrCoulombJoint(
 )
 LAWS = {
     "friction": FRICTION,
+    "adhesive": AdhesiveJoint(**STIFF, friction_angle_deg=35.0, adhesion=3e5),
     "no shear": FrictionNoTension(normal_stiffness=1e12, shear_stiffness=0, friction_angle_deg=0),
     "keyed": KeyedJoint(**STIFF),
     "bond": BOND,

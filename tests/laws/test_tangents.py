@@ -17,7 +17,13 @@ import numpy as np
 import pytest
 from tangent_errors import largest_error
 
-from dolfinx_joints import FrictionNoTension, KeyedJoint, MohrCoulombJoint, ViscousJoint
+from dolfinx_joints import (
+    AdhesiveJoint,
+    FrictionNoTension,
+    KeyedJoint,
+    MohrCoulombJoint,
+    ViscousJoint,
+)
 from dolfinx_joints.laws.law import (
     BROKEN,
     JointState,
@@ -80,6 +86,9 @@ LAWS = {
     "high friction": friction(friction_angle_deg=89.0),
     "no shear stiffness": friction(shear_stiffness=0.0),
     "stiff": friction(normal_stiffness=1e16, shear_stiffness=1e9),
+    "adhesive": AdhesiveJoint(
+        normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=30.0, adhesion=2e5
+    ),
     "keyed": KeyedJoint(normal_stiffness=K_N, shear_stiffness=K_S),
     "bond": bond(),
     "bond without dilatancy": bond(dilatancy_angle_deg=0.0),

@@ -21,6 +21,7 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from boxes import box, largest
+from scipy.optimize import brentq
 
 import dolfinx_joints as dj
 
@@ -67,9 +68,9 @@ def wedge_mesh():
     )
 
 
-def wedge(law, young, spring=0.0):
-    """The wedge, squeezed by 1 mm from each side; its load is time [s] in N per m of its width."""
-    push = {"left": 1e-3, "right": -1e-3}
+def wedge(law, young, spring=0.0, squeeze=1.0):
+    """The wedge, squeezed by mm from each side; its load is time [s] in N per m of its width."""
+    push = {"left": 1e-3 * squeeze, "right": -1e-3 * squeeze}
     supports = [
         dj.Prescribed(group=g, component="x", value=lambda _, u=u: u) for g, u in push.items()
     ]
@@ -86,13 +87,13 @@ def wedge(law, young, spring=0.0):
 WIDTH = 2.0 * (1.0 + HEIGHT * np.tan(LEAN))  # of the wedge's bottom [m]
 
 
-def limit_and_stiffness(model, squeezed, normal, shear):
+def limit_and_stiffness(model, squeezed, normal, shear, angle=ANGLE):
     """Limit load [N/m] and stiffness [N/m^2] of a rigid wedge that sticks on elastic joints."""
     forces = dj.JointForces(model)(squeezed.joints).values()
     force = np.mean([np.hypot(each.normal_force, each.shear_force) for each in forces])
     stiff = shear * np.cos(LEAN) ** 2 + normal * np.sin(LEAN) ** 2
-    rate = shear * np.cos(LEAN) * np.cos(ANGLE) + normal * np.sin(LEAN) * np.sin(ANGLE)
-    limit = 2.0 * force * stiff * np.sin(ANGLE - LEAN) / rate
+    rate = shear * np.cos(LEAN) * np.cos(angle) + normal * np.sin(LEAN) * np.sin(angle)
+    limit = 2.0 * force * stiff * np.sin(angle - LEAN) / rate
     return limit, 2.0 * HEIGHT / np.cos(LEAN) * stiff
 
 
@@ -168,6 +169,51 @@ def test_a_wedge_without_a_spring_has_no_equilibrium_beyond_its_limit(solver):
     with pytest.raises(dj.ConvergenceError) as error:
         run.quasi_statics([1.2 * limit / WIDTH])
     assert 0.97 + 0.23 * error.value.reached == pytest.approx(1.0, abs=0.02)
+
+
+# Strength factor of a wedge under 0.3 of the limit load for k_n/k_s = 1, by k_n/k_s and squeeze
+# relative to 1 mm: the squeezed wedge is statically indeterminate.
+ROOF = [(1.0, 1.0), (5.0, 1.0), (20.0, 1.0), (1.0, 2.0), (20.0, 2.0)]
+
+
+@pytest.mark.parametrize(("ratio", "squeeze"), ROOF)
+def test_factor_of_safety_of_a_wedge_depends_on_stiffness_and_prestress(ratio, squeeze):
+    """The load at which the closed form with tan(phi) / F has its limit; the rock is nearly rigid.
+
+    Relaxation of the squeeze as the wedge settles: with softer shear springs it settles more.
+    """
+    normal = 1e9
+    model = wedge(friction(ratio, normal), 1e13, squeeze=squeeze)
+    reference = wedge(friction(1.0, normal), 1e13)
+    squeezed = dj.Simulation(reference).quasi_statics([0.0])
+    limit, _ = limit_and_stiffness(reference, squeezed, normal, normal)
+    load = 0.3 * limit / WIDTH
+    run = dj.Simulation(model)
+    start = run.quasi_statics([0.0])
+
+    def excess(factor):
+        angle = np.arctan(np.tan(ANGLE) / factor)
+        return limit_and_stiffness(model, start, normal, normal / ratio, angle)[0] - 0.3 * limit
+
+    expected = brentq(excess, 0.5, 8.0)
+    strength = dj.factor_of_safety(run, time=load)
+    print(f"k_n/k_s {ratio:g}, squeeze {squeeze:g}: F {strength.factor:.4f}, exact {expected:.4f}")
+    assert strength.factor == pytest.approx(expected, rel=1.2e-3)
+    loaded = dj.factor_of_safety(run, method="load", multiplied=model.loads, time=load)
+    own_limit, _ = limit_and_stiffness(model, start, normal, normal / ratio)
+    assert loaded.factor == pytest.approx(own_limit / (0.3 * limit), rel=1.2e-3)
+
+
+@pytest.mark.mpi
+@pytest.mark.filterwarnings("ignore:Joint .* slip or opening reached")
+def test_factor_of_safety_ends_at_a_jump():
+    """On a soft spring the wedge has an equilibrium far below, which is not accepted."""
+    model = wedge(friction(5.0, 1e9), 1e10, spring=2e5)
+    run = dj.Simulation(model)
+    limit, _ = limit_and_stiffness(model, run.quasi_statics([0.0]), 1e9, 2e8)
+    safety = dj.factor_of_safety(run, method="load", multiplied=model.loads, time=limit / 2 / WIDTH)
+    assert safety.factor == pytest.approx(2.0, rel=1.2e-3)
+    assert safety.trials[-1].outcome == "jump"
 
 
 def block(ratio):

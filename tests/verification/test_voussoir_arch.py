@@ -61,6 +61,7 @@ class Semicircle:
         chords: Straight edges that bound a voussoir along its arcs, None for true arcs.
         friction: mu.
         effective: t_e/t.
+        lateral: Horizontal load as a share of the weight.
     """
 
     voussoirs: int
@@ -68,6 +69,7 @@ class Semicircle:
     chords: int | None = None
     friction: float = 1.0
     effective: float = 1.0
+    lateral: float = 0.0
 
     @property
     def joint_angles(self):
@@ -116,7 +118,7 @@ class Semicircle:
                     moment = arm[0] * force[1] - arm[1] * force[0]
                     rows[k, :, joint, column] = sign * np.array([*force, moment])
                 rows[k, 2, joint, 2] = sign
-        right = np.tile([0.0, self.weight, 0.0], self.voussoirs)
+        right = np.tile([-self.lateral * self.weight, self.weight, 0.0], self.voussoirs)
         return rows.reshape(3 * self.voussoirs, -1), right
 
     def margin(self):
@@ -194,6 +196,7 @@ def simulation(
     shear=1.0,
     rigidity=1e4,
     law=dj.FrictionNoTension,
+    lateral=None,
 ):
     """The arch under self weight, t/R given, k_s = shear k_n and E = rigidity k_n t."""
     angle = math.degrees(math.atan(friction))
@@ -207,7 +210,7 @@ def simulation(
         material=dj.Elastic(young=rigidity * K_N * t, poisson=0.2, density=DENSITY),
         joints=dj.Joints(law(friction_angle_deg=angle, **stiffness), quadrature=quadrature),
         supports=[dj.Fixed(group="base")],
-        loads=[dj.Gravity()],
+        loads=[dj.Gravity(), *(lateral or ())],
     )
     return dj.Simulation(model)
 
@@ -403,6 +406,30 @@ def test_least_friction(voussoirs, thickness):
     limit = limit_friction(voussoirs, thickness, chords=1)
     assert stands(thickness, voussoirs, friction=limit * (1.0 + 1e-3))
     assert not stands(thickness, voussoirs, friction=limit * (1.0 - 1e-3))
+
+
+@pytest.mark.parametrize("thickness", [0.13, 0.2])
+def test_factors_of_safety(thickness):
+    """Of an arch that is thicker than Milankovitch's limit, under a horizontal load as well.
+
+    The linear program gives the horizontal load that the thickness bears, at the limit with hinges,
+    and the friction at which the arch slides under a given horizontal load.
+    """
+    given, shape = 0.03, {"chords": 2, "friction": 1.0}
+
+    def margin(lateral, **changes):
+        options = {"thickness": thickness, **shape, **changes}
+        return Semicircle(voussoirs=9, lateral=lateral, **options).margin()
+
+    load = brentq(margin, 0.0, 2.0, xtol=1e-11) / given
+    strength = 1.0 / brentq(lambda mu: margin(given, friction=mu), 0.2, 1.0, xtol=1e-11)
+    push = dj.Gravity(acceleration=(given * GRAVITY, 0.0))
+    run = simulation(thickness, 9, divisions=(2, 3, 1), lateral=[push])
+    run.statics()
+    by_load = dj.factor_of_safety(run, method="load", multiplied=[push])
+    by_strength = dj.factor_of_safety(run)
+    assert by_load.factor == pytest.approx(load, rel=1.2e-3)
+    assert by_strength.factor == pytest.approx(strength, rel=1.2e-3)
 
 
 def test_springs_that_blocks_move_on_without_end_are_no_equilibrium():

@@ -173,7 +173,7 @@ def state_points(
         gaps(results, stream, joint, rows),
         results.series(stream, f"{where}/traction", rows),
     )
-    intact = np.zeros(traction.shape[:-1], dtype=bool)
+    intact = np.full(traction.shape[:-1], "adheres" in results.law(joint))
     if f"{where}/broken" in results.streams[stream]:
         intact = results.series(stream, f"{where}/broken", rows) == 0
     slip = (gap - zero_gap(results, joint))[..., 1:]

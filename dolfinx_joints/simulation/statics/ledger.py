@@ -13,7 +13,7 @@ work into stored energy, friction and numerical loss. `released` computes the en
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,7 +76,8 @@ class StaticLedger:
     """Adds up works and energies of a static stage, increment by increment.
 
     ``energy`` contains the energies after the last accepted increment. A stage starts with the
-    energies of the last stage, but with the elastic joint energy of the response ``start``.
+    energies of the last stage, but with the elastic joint energy of the response ``start``. The
+    function ``at_place`` sets the strength of the joints at a position of the increment, 0 to 1.
     """
 
     def __init__(self, system: MatrixSystem, before: StaticEnergy, start: Response | None) -> None:
@@ -85,6 +86,7 @@ class StaticLedger:
         self._zeros: Floats = np.zeros(len(before.joint_elastic))
         self._norm = float(system.stiffness.norm(PETSc.NormType.NORM_INFINITY))
         self._rounding = 0.0
+        self.at_place: Callable[[float], None] | None = None
         self.energy = with_stored(before, self._joint_energy(start))
 
     def after(self, increment: SolvedIncrement) -> StaticEnergy:
@@ -153,7 +155,7 @@ class StaticLedger:
         contact, before, after = self._system.contact, increment.before, increment.after
         if contact is None or before is None or after is None:
             return self._zeros
-        by_joint, meanwhile = released(contact, before, after, start, end)
+        by_joint, meanwhile = released(contact, before, after, start, end, self.at_place)
         limit = RELEASED_SHARE * (meanwhile + self.energy.stored)
         jumps = by_joint.sum() > limit + EPS * self._norm * float(increment.change.norm()) ** 2
         return by_joint if jumps else self._zeros

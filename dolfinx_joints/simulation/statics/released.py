@@ -17,6 +17,8 @@ the slope. If R decreases, the loads exceed the internal forces and accelerate t
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from dolfinx_joints.common.mpi import summed
@@ -29,18 +31,25 @@ PLACES = np.concatenate([[0.0], 0.5 ** np.arange(16.0, 4.0, -0.25), np.arange(1.
 
 
 def released(
-    contact: Contact, before: Response, after: Response, start: float, end: float
+    contact: Contact,
+    before: Response,
+    after: Response,
+    start: float,
+    end: float,
+    at_place: Callable[[float], None] | None = None,
 ) -> tuple[Floats, float]:
     """Return the energy released in each joint, and the load work during the release (collective).
 
     The share of a joint is proportional to the drop of its traction work below the previous
-    maximum. ``start`` and ``end`` are R0 and R1 [J]. The result is (31b), shape (number of
-    joints,), and the integral of |P| where P > R, both [J].
+    maximum. ``start`` and ``end`` are R0 and R1 [J]. ``at_place`` is as in `StaticLedger`. The
+    result is (31b), shape (number of joints,), and the integral of |P| where P > R, both [J].
     """
     opening = after.state.gap - before.state.gap
     broken = contact.broken(before.state, after.state)
     density = np.empty((len(PLACES), len(opening)))
     for row, place in zip(density, PLACES, strict=True):
+        if at_place is not None:
+            at_place(float(place))
         chord = (1.0 - place) * before.traction + place * after.traction
         traction = _on_path(contact, before, after, place, chord)
         row[:] = work(np.where(broken[:, None], chord, traction), opening)

@@ -30,7 +30,7 @@ from dolfinx_joints.simulation.statics.load_increments import Increment, LoadInc
 from dolfinx_joints.simulation.statics.stage_start import carried_loads, start_of_stage
 from dolfinx_joints.simulation.statics.unfinished import Unfinished
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
-from dolfinx_joints.solvers.effective_matrix import STATIC
+from dolfinx_joints.solvers.effective_matrix import STATIC, MatrixCoefficients
 from dolfinx_joints.solvers.first_that_works import BondReleaseSolver, StaticSolver
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, StepSolver
 from dolfinx_joints.time_integration.products import Products
@@ -77,7 +77,7 @@ def march(
         idle = None if contact is None else contact.without(stage.idle)
         system = _constrained(replace(system, contact=idle), before, stage.dofs)
     solver = make_solver(system, options, kind, static_steps=len(path))
-    last = _Equilibrium(system, solver, before, start, carried, constant=apart is not None)
+    last = Equilibrium(system, solver, before, start, carried, constant=apart is not None)
     increments, jumps = LoadIncrements(path), Jumps(last.ledger, model, allow_jumps)
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
     for increment in _solve_increments(last, increments, jumps, kind, watch):
@@ -99,7 +99,7 @@ def march(
 
 
 def _solve_increments(
-    last: _Equilibrium,
+    last: Equilibrium,
     increments: LoadIncrements,
     jumps: Jumps,
     kind: SolverKind,
@@ -129,7 +129,7 @@ def _solve_increments(
         yield increment
 
 
-class _Equilibrium:
+class Equilibrium:
     """Last accepted equilibrium of a stage, and the solution of the next increment.
 
     The attributes are as in `StaticState`, except that ``joints`` is the state of the joints, None
@@ -188,7 +188,7 @@ class _Equilibrium:
         # From the unloaded body without gaps, the solution is proportional to the load, so a
         # shorter increment would fail as well.
         unloaded = self._unloaded and increment.whole and not self.reports
-        _prepare(self._without_water, increment.shortest or unloaded, self._start)
+        prepare(self._without_water, increment.shortest or unloaded, self._start)
         response, report = self.solver.solve(STATIC, self._b, x, self.joints)
         products = Products(system, STATIC, self._b, x, response)
         moved = water is not None and bool(water.toggled(water.codes, water.entered).any())
@@ -204,6 +204,16 @@ class _Equilibrium:
             water_moved=moved,
             report=report,
         )
+
+    def move(self, increment: Increment, inertia: MatrixCoefficients) -> PETSc.Vec:
+        """Return the displacement [m] of an implicit step of motion from rest (collective).
+
+        The motion starts at the accepted equilibrium, under the loads at the end of an increment.
+        """
+        self._set_up(increment)
+        prepare(self._without_water, False, self._start)
+        self._without_water.solve(inertia, self._b, self._x, self.joints)
+        return self._x.copy()
 
     def accept(self, solved: SolvedIncrement, increment: Increment) -> None:
         """Continue from the solution of an increment (collective)."""
@@ -247,7 +257,7 @@ class _Equilibrium:
         return loads
 
 
-def _prepare(solver: StepSolver, last_resort: bool, start: Response | None) -> None:
+def prepare(solver: StepSolver, last_resort: bool, start: Response | None) -> None:
     """Let a static solver continue from a response; allow other solvers if ``last_resort``."""
     chosen = solver.inner if isinstance(solver, BondReleaseSolver) else solver
     if isinstance(chosen, StaticSolver):

@@ -4,14 +4,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Status
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.static_energy import StaticEnergy
+from dolfinx_joints.time_integration.states import DynamicState
 
 # Name in the ledger of residual forces of earlier stages, in inactive joints and absent blocks.
 CONSTRUCTION = "construction"
@@ -48,6 +52,36 @@ def start_of_stage(system: MatrixSystem, before: StaticState) -> Response | None
         response: Response = internal_forces.respond(system.vector(), at_rest, BACKWARD_EULER)
         return response
     return without_traction(at_rest)
+
+
+def state_at_rest(model: Model, end: DynamicState) -> StaticState:
+    """Return a dynamic state as the start of a static stage (collective).
+
+    Remaining forces of inertia and damping, and the strain energy, count as `CONSTRUCTION`.
+    """
+    start, system, joints = unloaded_state(model), model.system(static=True), end.joints
+    forces, contact = system.internal_forces, system.contact
+    if forces is not None and joints is not None and not (contact and contact.rigid):
+        # Midpoint schemes store mean tractions of the last step: evaluate the laws at its end.
+        joints = forces.respond(system.vector(), joints.state, BACKWARD_EULER)
+    works = {CONSTRUCTION: end.strain_energy}
+    energy = replace(start.energy, strain=end.strain_energy, input_by_load=works)
+    facts = {"joints": joints, "energy": energy, "reaction": end.reaction}
+    return replace(start, displacement=end.displacement, **facts)
+
+
+def check_fits(model: Model, start: StaticState) -> None:
+    """Check that a state has the mesh and the internal variables of a model, and no idle joints."""
+    contact, joints, unfinished = model.contact, start.joints, [*start.inactive, *start.absent]
+    if unfinished:
+        raise JointsError(f"{unfinished[0]} does not act in the static state.")
+    fits = start.displacement.getSizes() == model.stiffness.createVecRight().getSizes()
+    if contact is not None and joints is not None:
+        needed = contact.resting(contact.initial_gap)
+        fits &= len(joints.state.gap) == len(needed.gap)
+        fits &= joints.state.internal.size >= needed.internal.size
+    if not all(model.jointed.mesh.comm.allgather(fits)):
+        raise ValueError("start is a state of another mesh or of laws with other variables.")
 
 
 def without_traction(state: JointState) -> Response:

@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 import annotated_types as at
@@ -16,6 +18,9 @@ from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 
 Positive = Annotated[float, at.Gt(0)]
+NotNegative = Annotated[float, at.Ge(0)]
+Dip = Annotated[float, at.Interval(ge=0, le=90), at.Unit("degrees")]
+Azimuth = Annotated[float, at.Unit("degrees")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,3 +256,117 @@ class CoulombOscillator:
         centre = np.sign(turns[half]) * self.friction / self.stiffness
         swing = centre + (turns[half] - centre) * np.cos(math.pi * (t - half))
         return np.where(half == last, turns[last], swing)
+
+
+@checked
+def plane_normal(dip: Dip, dip_direction: Azimuth) -> Floats:
+    """Return the upward unit normal of a plane, shape (3,).
+
+    Args:
+        dip: Angle of the plane to the horizontal [degrees].
+        dip_direction: Azimuth of the line of steepest descent, clockwise from +y as seen from
+            above: x is east, y north, z up [degrees].
+    """
+    psi, alpha = math.radians(dip), math.radians(dip_direction)
+    return np.array(
+        [math.sin(psi) * math.sin(alpha), math.sin(psi) * math.cos(alpha), math.cos(psi)]
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
+class WedgePlane:
+    """Plane that bounds a rigid wedge.
+
+    Attributes:
+        dip: Angle to the horizontal [degrees].
+        dip_direction: Azimuth of the steepest descent, as in `plane_normal` [degrees].
+        friction_angle_deg: phi [degrees].
+        cohesion: c [Pa].
+        area: A, used with cohesion and water pressure [m^2].
+        pressure: Mean water pressure p [Pa].
+        above: True if the wedge is above the plane; False below it, as under a roof.
+    """
+
+    dip: Dip
+    dip_direction: Azimuth
+    friction_angle_deg: Annotated[float, at.Interval(ge=0, lt=90), at.Unit("degrees")]
+    cohesion: NotNegative = 0.0
+    area: NotNegative = 0.0
+    pressure: NotNegative = 0.0
+    above: bool = True
+
+    @property
+    def normal(self) -> Floats:
+        """Unit normal n towards the wedge, shape (3,)."""
+        return plane_normal(self.dip, self.dip_direction) * (1.0 if self.above else -1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
+class SlidingWedge:
+    """Rigid wedge on planes, by limit equilibrium (Hoek and Bray; Wyllie and Mah; Warburton).
+
+    The active force is R = force + sum p_i A_i n_i. The wedge moves along the projection of R onto
+    the directions that no plane blocks,
+
+    s = R + sum N_i n_i,  N_i >= 0,  n_i . s >= 0,  N_i (n_i . s) = 0
+
+    This is the line of intersection of two planes, the steepest admissible line of one plane, or
+    R itself if all planes open. Shear acts against s, so that N_i are the effective normal forces.
+    The factor of safety is the shear strength of the planes in contact, divided by the force along
+    the motion:
+
+    F = sum over N_i > 0 of (c_i A_i + N_i tan phi_i) / |s|
+
+    Attributes:
+        planes: Planes that bound the wedge, with linearly independent normals. Free surfaces are no
+            planes. A tension crack is a plane that opens.
+        force: Weight, thrust of a dam, inertia, without the water in the planes, shape (3,), [N].
+    """
+
+    planes: Sequence[WedgePlane]
+    force: Sequence[float]
+
+    @cached_property
+    def _solution(self) -> tuple[Floats, Floats]:
+        """Normal forces N, and the projection s of the active force [N]."""
+        from scipy.optimize import nnls
+
+        normals = np.array([plane.normal for plane in self.planes])
+        water = np.array([plane.pressure * plane.area for plane in self.planes])
+        active = np.asarray(self.force, dtype=np.float64) + water @ normals
+        forces, _ = nnls(normals.T, -active)
+        driving = active + forces @ normals
+        at_rest = np.linalg.norm(driving) <= 1e-12 * np.linalg.norm(active)
+        return forces, np.zeros(3) if at_rest else driving
+
+    @property
+    def normal_forces(self) -> Floats:
+        """Effective normal force N_i of each plane, zero if the plane opens, [N]."""
+        return self._solution[0]
+
+    @property
+    def driving_force(self) -> float:
+        """Force |s| along the motion [N]."""
+        return float(np.linalg.norm(self._solution[1]))
+
+    @property
+    def direction(self) -> Floats:
+        """Unit vector of the motion, shape (3,)."""
+        return np.asarray(self._solution[1] / self.driving_force)
+
+    @property
+    def resistance(self) -> float:
+        """Shear strength of the planes in contact [N]."""
+        pairs = zip(self.planes, self.normal_forces, strict=True)
+        return sum(
+            plane.cohesion * plane.area + normal * math.tan(math.radians(plane.friction_angle_deg))
+            for plane, normal in pairs
+            if normal > 0.0
+        )
+
+    @property
+    def factor_of_safety(self) -> float:
+        """F: 1 at the limit, 0 if all planes open, infinite if the planes block every motion."""
+        return self.resistance / self.driving_force if self.driving_force else math.inf

@@ -104,6 +104,7 @@ from .postprocessing import plots as plots
 from .postprocessing import views as views
 from .postprocessing.animation import animate as animate
 from .postprocessing.criteria.checks import checks as checks
+from .postprocessing.criteria.sliding import block_sliding as block_sliding
 from .postprocessing.envelopes import Strength as Strength
 from .results.reader import Results as Results
 from .simulation.checkpoint import Checkpoints as Checkpoints

@@ -273,6 +273,24 @@ def plane_normal(dip: Dip, dip_direction: Azimuth) -> Floats:
     )
 
 
+def projected_force(normals: Floats, force: Floats) -> tuple[Floats, Floats]:
+    """Return the normal forces N and the projection s of a force, as in `SlidingWedge`.
+
+    Args:
+        normals: Unit normals n_i of the planes towards the wedge, shape (planes, 3).
+        force: Active force R, shape (3,), [N].
+
+    Returns:
+        N, shape (planes,), and s, shape (3,), which is zero if it is rounding error, [N].
+    """
+    from scipy.optimize import nnls
+
+    forces, _ = nnls(normals.T, -force)
+    along = force + forces @ normals
+    at_rest = np.linalg.norm(along) <= 1e-12 * np.linalg.norm(force)
+    return forces, np.zeros(3) if at_rest else along
+
+
 @dataclass(frozen=True, kw_only=True)
 @checked
 class WedgePlane:
@@ -331,15 +349,9 @@ class SlidingWedge:
     @cached_property
     def _solution(self) -> tuple[Floats, Floats]:
         """Normal forces N, and the projection s of the active force [N]."""
-        from scipy.optimize import nnls
-
         normals = np.array([plane.normal for plane in self.planes])
         water = np.array([plane.pressure * plane.area for plane in self.planes])
-        active = np.asarray(self.force, dtype=np.float64) + water @ normals
-        forces, _ = nnls(normals.T, -active)
-        driving = active + forces @ normals
-        at_rest = np.linalg.norm(driving) <= 1e-12 * np.linalg.norm(active)
-        return forces, np.zeros(3) if at_rest else driving
+        return projected_force(normals, np.asarray(self.force, dtype=np.float64) + water @ normals)
 
     @property
     def normal_forces(self) -> Floats:

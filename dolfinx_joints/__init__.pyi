@@ -107,6 +107,7 @@ from .postprocessing.criteria.checks import checks as checks
 from .postprocessing.criteria.sliding import block_sliding as block_sliding
 from .postprocessing.envelopes import Strength as Strength
 from .results.reader import Results as Results
+from .simulation.at_rest import to_rest as to_rest
 from .simulation.checkpoint import Checkpoints as Checkpoints
 from .simulation.first_state import InitialFields as InitialFields
 from .simulation.frequency_response import frequency_response as frequency_response

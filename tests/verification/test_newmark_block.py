@@ -160,7 +160,7 @@ def wedge_mesh():
 
 @pytest.mark.parametrize("ratio", [1.0, 20.0])
 def test_wedge_on_two_planes(wedge_mesh, tmp_path, ratio):
-    """Its static F is that of limit equilibrium, whatever the ratio of the stiffnesses."""
+    """F in statics is that of limit equilibrium, whatever the ratio of the stiffnesses."""
     law = dj.FrictionNoTension(
         normal_stiffness=1e10, shear_stiffness=1e10 / ratio, friction_angle_deg=35.0
     )

@@ -1,0 +1,115 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Static stages after a motion: free vibration to rest, then equilibrium with the slips left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Annotated
+
+import annotated_types as at
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.simulation.monitor import Monitor
+from dolfinx_joints.simulation.outcome import StaticState
+from dolfinx_joints.simulation.simulation import Simulation
+from dolfinx_joints.simulation.statics.stage_start import unloaded_state
+from dolfinx_joints.solvers.step_solver import SolveReport
+from dolfinx_joints.time_integration.states import DynamicState
+
+# Kinetic energy of a body at rest, divided by its energy at the end of the motion: the velocities
+# have fallen by a factor of 1000 or more.
+AT_REST = 1e-6
+
+# Steps of the first run of free vibration, and largest number of runs. Each run is twice as long.
+FIRST_STEPS, MOST_RUNS = 50, 10
+
+
+@checked
+def to_rest(
+    simulation: Simulation,
+    state: DynamicState,
+    *,
+    dt: Annotated[float, at.Gt(0), at.Unit("s")],
+    model: Model | None = None,
+    monitors: Sequence[Monitor] = (),
+    steps: Annotated[int, at.Ge(1)] = 1,
+    name: str = "at rest",
+) -> Simulation:
+    """Return a simulation that continues with static stages after a motion (collective).
+
+    The body vibrates freely under the loads of its model until its damping has brought it to rest.
+    Then a static stage computes the equilibrium, with slips, openings and broken bonds as the
+    motion left them. The remaining inertia fades over the steps of this stage.
+
+    Args:
+        simulation: The simulation of the motion.
+        state: Last state of the motion, ``outcome.state``.
+        dt: Time step of the free vibration [s].
+        model: Model with other loads for the static stage, such as a changed uplift, on the same
+            mesh and with the same joint laws; by default the model of the motion.
+        monitors: Observers of the static stages, with separate files.
+        steps: Load steps of the static stage.
+        name: Name of the static stage in results.
+
+    Raises:
+        JointsError: The body does not come to rest, or the reservoir has waves.
+        ValueError: The model has another mesh.
+    """
+    before, after = simulation.model, model or simulation.model
+    if after.jointed is not before.jointed:
+        raise ValueError("model has another mesh than the simulation; it must have the same mesh.")
+    free = Simulation(before, options=simulation.options, solver=simulation.solver)
+    free.static = simulation.static
+    limit = AT_REST * (state.kinetic_energy + state.strain_energy)
+    for run in range(MOST_RUNS):
+        if state.kinetic_energy <= limit:
+            break
+        state = free.dynamics(dt=dt, steps=FIRST_STEPS * 2**run, start=state).state
+    if state.kinetic_energy > limit:
+        raise JointsError(
+            f"The body does not come to rest: at t = {state.time:g} s its kinetic energy is "
+            f"{state.kinetic_energy:.3g} J, but at most {limit:.3g} J is allowed. Give the model "
+            "damping, and end the motion and the changes of the loads."
+        )
+    settled = Simulation(
+        after, monitors=monitors, options=simulation.options, solver=simulation.solver
+    )
+    settled.static = _as_static(before, state)
+    settled.statics(steps=steps, name=name)
+    return settled
+
+
+def _as_static(model: Model, state: DynamicState) -> StaticState:
+    """Return a state at rest as a static state, whose load ``motion`` balances it (collective)."""
+    system, u = model.system(static=True), state.displacement
+    force = system.stiffness * u
+    if system.internal_forces is not None and state.joints is not None:
+        force.axpy(1.0, system.internal_forces.force(state.joints, force.duplicate()))
+    reaction = force.copy()
+    reaction.getArray()[:] = 0.0
+    reaction.getArray()[system.constrained] = force.getArray()[system.constrained]
+    force.axpy(-1.0, reaction)
+    energy = unloaded_state(model).energy
+    elastic = energy.joint_elastic
+    if model.contact is not None and state.joints is not None:
+        elastic = model.contact.stored_energy(state.joints.state)
+    strain = 0.5 * float(u.dot(system.stiffness * u)) + system.plastic_terms(state.joints)[0]
+    stored = strain + float(elastic.sum())
+    return StaticState(
+        displacement=u.copy(),
+        joints=state.joints,
+        reaction=reaction,
+        reports=[SolveReport(iterations=0, factorizations=0)],
+        energy=replace(
+            energy,
+            strain=strain,
+            joint_elastic=elastic,
+            input_by_load={"motion": stored},
+            scale=abs(stored),
+        ),
+        loads={"motion": force},
+    )

@@ -113,6 +113,7 @@ from .simulation.first_state import InitialFields as InitialFields
 from .simulation.frequency_response import frequency_response as frequency_response
 from .simulation.monitor import Monitor as Monitor
 from .simulation.simulation import Simulation as Simulation
+from .solvers.interface.uniqueness import critical_friction as critical_friction
 from .solvers.step_solver import SolverOptions as SolverOptions
 from .study.accuracy import accuracy as accuracy
 from .time_integration.midpoint import EnergyConsistent as EnergyConsistent

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import annotated_types as at
 
@@ -20,8 +20,7 @@ from dolfinx_joints.simulation.statics.stage_start import unloaded_state
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.states import DynamicState
 
-# Kinetic energy of a body at rest, divided by its energy at the end of the motion: the velocities
-# have fallen by a factor of 1000 or more.
+# Kinetic energy of a body at rest, divided by its energy at the end of the motion.
 AT_REST = 1e-6
 
 # Steps of the first run of free vibration, and largest number of runs. Each run is twice as long.
@@ -62,7 +61,8 @@ def to_rest(
     before, after = simulation.model, model or simulation.model
     if after.jointed is not before.jointed:
         raise ValueError("model has another mesh than the simulation; it must have the same mesh.")
-    free = Simulation(before, options=simulation.options, solver=simulation.solver)
+    options: Any = {"options": simulation.options, "solver": simulation.solver}
+    free = Simulation(before, **options)
     free.static = simulation.static
     limit = AT_REST * (state.kinetic_energy + state.strain_energy)
     for run in range(MOST_RUNS):
@@ -75,41 +75,21 @@ def to_rest(
             f"{state.kinetic_energy:.3g} J, but at most {limit:.3g} J is allowed. Give the model "
             "damping, and end the motion and the changes of the loads."
         )
-    settled = Simulation(
-        after, monitors=monitors, options=simulation.options, solver=simulation.solver
-    )
+    settled = Simulation(after, monitors=monitors, **options)
     settled.static = _as_static(before, state)
     settled.statics(steps=steps, name=name)
     return settled
 
 
 def _as_static(model: Model, state: DynamicState) -> StaticState:
-    """Return a state at rest as a static state, whose load ``motion`` balances it (collective)."""
-    system, u = model.system(static=True), state.displacement
-    force = system.stiffness * u
-    if system.internal_forces is not None and state.joints is not None:
-        force.axpy(1.0, system.internal_forces.force(state.joints, force.duplicate()))
-    reaction = force.copy()
-    reaction.getArray()[:] = 0.0
-    reaction.getArray()[system.constrained] = force.getArray()[system.constrained]
-    force.axpy(-1.0, reaction)
-    energy = unloaded_state(model).energy
-    elastic = energy.joint_elastic
-    if model.contact is not None and state.joints is not None:
-        elastic = model.contact.stored_energy(state.joints.state)
-    strain = 0.5 * float(u.dot(system.stiffness * u)) + system.plastic_terms(state.joints)[0]
-    stored = strain + float(elastic.sum())
-    return StaticState(
-        displacement=u.copy(),
-        joints=state.joints,
-        reaction=reaction,
-        reports=[SolveReport(iterations=0, factorizations=0)],
-        energy=replace(
-            energy,
-            strain=strain,
-            joint_elastic=elastic,
-            input_by_load={"motion": stored},
-            scale=abs(stored),
-        ),
-        loads={"motion": force},
-    )
+    """Return a state at rest as a static state, with its residual force to fade (collective)."""
+    system, unloaded = model.system(static=True), unloaded_state(model)
+    u, joints, elastic = state.displacement, state.joints, unloaded.energy.joint_elastic
+    if model.contact is not None and joints is not None:
+        elastic = model.contact.stored_energy(joints.state)
+    strain = 0.5 * float(u.dot(system.stiffness * u)) + system.plastic_terms(joints)[0]
+    stored = {"joint_elastic": elastic, "strain": strain, "scale": strain + float(elastic.sum())}
+    energy = replace(unloaded.energy, **stored, input_by_load={"motion": stored["scale"]})
+    # A report tells the static stage that the state is not that of the unloaded body.
+    solved = [SolveReport(iterations=0, factorizations=0)]
+    return replace(unloaded, displacement=u.copy(), joints=joints, reports=solved, energy=energy)

@@ -37,11 +37,9 @@ class BlockSliding:
         mass: Mass of the block [kg].
         time: Times, shape (records,), [s].
         driving: Force D on the rigid block along the direction, shape (records,), [N].
-        resistance: Shear strength R of the planes under the normal forces of a rigid block, shape
-            (records,), [N].
+        resistance: Shear strength R of the planes of a rigid block, shape (records,), [N].
         slip_time: Times of the stored states, shape (states,), [s].
-        slip: Mean slip of the planes along the direction since the first state, shape (states,),
-            [m].
+        slip: Mean slip along the direction since the first state, shape (states,), [m].
     """
 
     direction: Floats

@@ -16,12 +16,18 @@ import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
+from mpi4py import MPI
+
+import gmsh
 
 import dolfinx_joints as dj
 from benchmarks.shared.scenes import mesh_of
 from dolfinx_joints.exact import SlidingWedge, WedgePlane
+from dolfinx_joints.geometry.from_step import from_step
+from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.geometry.wedge import wedge
+from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
 
 # The slips are not small, as in the problem.
 pytestmark = pytest.mark.filterwarnings("ignore:Joint .* slip or opening")
@@ -38,6 +44,11 @@ ANGLE = 20.0  # of the single plane [degrees]
 def half_sine(time):
     """4 m/s^2 for half a second."""
     return (4.0 * math.sin(2.0 * math.pi * time) if time < 0.5 else 0.0), 0.0, 0.0
+
+
+def along_valley(time):
+    """2 m/s^2 across the stream."""
+    return 0.0, 0.5 * half_sine(time)[0], 0.0
 
 
 def rigid_slip(motion, normals, along, end):
@@ -58,7 +69,7 @@ def rigid_slip(motion, normals, along, end):
 def run(model, path, motion, end, names):
     """Self weight and motion; return the results."""
     facts = {"sliding": {"block": names}}
-    points = {"corner": model.jointed.mesh.geometry.x.max(axis=0)}
+    points = {"highest": max(model.jointed.mesh.geometry.x, key=lambda x: x[2])}
     options = {"resultants": True, "metadata": facts, "overwrite": True, "every": 20}
     simulation = dj.Simulation(model, monitors=[dj.ResultsMonitor(path, points=points, **options)])
     simulation.statics()
@@ -182,3 +193,34 @@ def test_wedge_on_two_planes(wedge_mesh, tmp_path, ratio):
     exact = SlidingWedge(planes=planes, force=block.mass * GRAVITY)
     np.testing.assert_allclose(block.direction, exact.direction, atol=1e-6)
     assert block.safety[0] == pytest.approx(exact.factor_of_safety, rel=1e-6)
+
+
+def test_thrust_of_a_pier_on_a_wedge(tmp_path):
+    """A wedge that sticks: the force on the rigid wedge is that on its planes, of the run."""
+    with gmsh_model.gmsh_session():
+        for box in ((0, 0, 0, 4000, 2000, 3000), (1000, 0, 3000, 2000, 2000, 5000)):
+            gmsh.model.occ.addBox(*box)  # rock and pier [mm]
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(tmp_path / "pier.step"))
+    planes = {"left": (45.0, 110.0, 0.7, 0.0, 2.0), "right": (45.0, 250.0, 0.7, 0.0, 2.0)}
+    solids = {"rock": (2.0, 1.0, 1.0), "pier": (2.0, 1.0, 5.0)}
+    options = {"solids": solids, "planes": planes, "wedge": (0.7, 0.3, 2.6), "size": 1.5}
+    bottom = {"base": ("z", "min")}
+    path = from_step(tmp_path / "p.msh", tmp_path / "pier.step", surfaces=bottom, **options)
+    law = dj.FrictionNoTension(normal_stiffness=1e10, shear_stiffness=4e9, friction_angle_deg=50.0)
+    model = dj.Model(
+        dj.read_msh(path, MPI.COMM_SELF),
+        material=ROCK,
+        joints=law,
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity()],
+        damping=dj.Rayleigh(stiffness_factor=1e-3),
+    )
+    names = ["joint_left", "joint_right"]
+    results = run(model, tmp_path / "pier.h5", along_valley, 0.3, names)
+    block = dj.block_sliding(results, names)
+    on_planes = sum(joint_resultants(results, name).force for name in names) @ block.direction
+    on_planes *= np.sign(on_planes[0])
+    thrust = joint_resultants(results, "joint_pier_wedge").force @ block.direction
+    assert np.ptp(thrust) > 3.0 * block.mass * 2.0  # the thrust changes more than the inertia
+    np.testing.assert_allclose(block.driving, on_planes, atol=0.01 * np.ptp(on_planes))

@@ -267,21 +267,14 @@ def plane_normal(dip: Dip, dip_direction: Azimuth) -> Floats:
         dip_direction: Azimuth of the line of steepest descent, clockwise from +y as seen from
             above: x is east, y north, z up [degrees].
     """
-    psi, alpha = math.radians(dip), math.radians(dip_direction)
-    return np.array(
-        [math.sin(psi) * math.sin(alpha), math.sin(psi) * math.cos(alpha), math.cos(psi)]
-    )
+    psi, alpha = np.radians([dip, dip_direction])
+    return np.array([np.sin(psi) * np.sin(alpha), np.sin(psi) * np.cos(alpha), np.cos(psi)])
 
 
 def projected_force(normals: Floats, force: Floats) -> tuple[Floats, Floats]:
-    """Return the normal forces N and the projection s of a force, as in `SlidingWedge`.
+    """Return N, shape (planes,), and s, shape (3,), of a `SlidingWedge` under a force R [N].
 
-    Args:
-        normals: Unit normals n_i of the planes towards the wedge, shape (planes, 3).
-        force: Active force R, shape (3,), [N].
-
-    Returns:
-        N, shape (planes,), and s, shape (3,), which is zero if it is rounding error, [N].
+    The unit normals point to the wedge, shape (planes, 3). If s is rounding error, it is zero.
     """
     from scipy.optimize import nnls
 
@@ -298,7 +291,7 @@ class WedgePlane:
 
     Attributes:
         dip: Angle to the horizontal [degrees].
-        dip_direction: Azimuth of the steepest descent, as in `plane_normal` [degrees].
+        dip_direction: Azimuth as in `plane_normal` [degrees].
         friction_angle_deg: phi [degrees].
         cohesion: c [Pa].
         area: A, used with cohesion and water pressure [m^2].
@@ -323,19 +316,15 @@ class WedgePlane:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class SlidingWedge:
-    """Rigid wedge on planes, by limit equilibrium (Hoek and Bray; Wyllie and Mah; Warburton).
+    """Rigid wedge on planes, by limit equilibrium (Hoek and Bray; Wyllie and Mah).
 
-    The active force is R = force + sum p_i A_i n_i. The wedge moves along the projection of R onto
-    the directions that no plane blocks,
+    With R = force + sum p_i A_i n_i and the effective normal forces N_i,
 
-    s = R + sum N_i n_i,  N_i >= 0,  n_i . s >= 0,  N_i (n_i . s) = 0
-
-    This is the line of intersection of two planes, the steepest admissible line of one plane, or
-    R itself if all planes open. Shear acts against s, so that N_i are the effective normal forces.
-    The factor of safety is the shear strength of the planes in contact, divided by the force along
-    the motion:
-
+    s = R + sum N_i n_i,  N_i >= 0,  n_i . s >= 0,  N_i (n_i . s) = 0,
     F = sum over N_i > 0 of (c_i A_i + N_i tan phi_i) / |s|
+
+    The wedge moves along s, the projection of R onto the directions that no plane blocks: the line
+    of intersection of two planes, the steepest line of one plane, or R if all planes open.
 
     Attributes:
         planes: Planes that bound the wedge, with linearly independent normals. Free surfaces are no
@@ -359,26 +348,17 @@ class SlidingWedge:
         return self._solution[0]
 
     @property
-    def driving_force(self) -> float:
-        """Force |s| along the motion [N]."""
-        return float(np.linalg.norm(self._solution[1]))
-
-    @property
     def direction(self) -> Floats:
-        """Unit vector of the motion, shape (3,)."""
-        return np.asarray(self._solution[1] / self.driving_force)
-
-    @property
-    def resistance(self) -> float:
-        """Shear strength of the planes in contact [N]."""
-        pairs = zip(self.planes, self.normal_forces, strict=True)
-        return sum(
-            plane.cohesion * plane.area + normal * math.tan(math.radians(plane.friction_angle_deg))
-            for plane, normal in pairs
-            if normal > 0.0
-        )
+        """Unit vector of the motion, shape (3,); NaN if the planes block every motion."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self._solution[1] / np.linalg.norm(self._solution[1]))
 
     @property
     def factor_of_safety(self) -> float:
         """F: 1 at the limit, 0 if all planes open, infinite if the planes block every motion."""
-        return self.resistance / self.driving_force if self.driving_force else math.inf
+        driving, resistance = float(np.linalg.norm(self._solution[1])), 0.0
+        for plane, normal in zip(self.planes, self.normal_forces, strict=True):
+            if normal > 0.0:
+                friction = math.tan(math.radians(plane.friction_angle_deg))
+                resistance += plane.cohesion * plane.area + normal * friction
+        return resistance / driving if driving else math.inf

@@ -36,7 +36,6 @@ def to_rest(
     model: Model | None = None,
     monitors: Sequence[Monitor] = (),
     steps: Annotated[int, at.Ge(1)] = 1,
-    name: str = "at rest",
 ) -> Simulation:
     """Return a simulation that continues with static stages after a motion (collective).
 
@@ -51,8 +50,7 @@ def to_rest(
         model: Model with other loads for the static stage, such as a changed uplift, on the same
             mesh and with the same joint laws; by default the model of the motion.
         monitors: Observers of the static stages, with separate files.
-        steps: Load steps of the static stage.
-        name: Name of the static stage in results.
+        steps: Load steps of the static stage, called "at rest" in results.
 
     Raises:
         JointsError: The body does not come to rest, or the reservoir has waves.
@@ -66,10 +64,10 @@ def to_rest(
     free.static = simulation.static
     limit = AT_REST * (state.kinetic_energy + state.strain_energy)
     for run in range(MOST_RUNS):
+        state = free.dynamics(dt=dt, steps=FIRST_STEPS * 2**run, start=state).state
         if state.kinetic_energy <= limit:
             break
-        state = free.dynamics(dt=dt, steps=FIRST_STEPS * 2**run, start=state).state
-    if state.kinetic_energy > limit:
+    else:
         raise JointsError(
             f"The body does not come to rest: at t = {state.time:g} s its kinetic energy is "
             f"{state.kinetic_energy:.3g} J, but at most {limit:.3g} J is allowed. Give the model "
@@ -77,7 +75,7 @@ def to_rest(
         )
     settled = Simulation(after, monitors=monitors, **options)
     settled.static = _as_static(before, state)
-    settled.statics(steps=steps, name=name)
+    settled.statics(steps=steps, name="at rest")
     return settled
 
 
@@ -88,8 +86,9 @@ def _as_static(model: Model, state: DynamicState) -> StaticState:
     if model.contact is not None and joints is not None:
         elastic = model.contact.stored_energy(joints.state)
     strain = 0.5 * float(u.dot(system.stiffness * u)) + system.plastic_terms(joints)[0]
-    stored = {"joint_elastic": elastic, "strain": strain, "scale": strain + float(elastic.sum())}
-    energy = replace(unloaded.energy, **stored, input_by_load={"motion": stored["scale"]})
-    # A report tells the static stage that the state is not that of the unloaded body.
+    stored = strain + float(elastic.sum())
+    energy = replace(unloaded.energy, strain=strain, joint_elastic=elastic, scale=stored)
+    energy = replace(energy, input_by_load={"motion": stored})
+    # Without a report the static stage would assume the unloaded body.
     solved = [SolveReport(iterations=0, factorizations=0)]
     return replace(unloaded, displacement=u.copy(), joints=joints, reports=solved, energy=energy)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Factor of safety of a block that slides on joints, over an earthquake, and Newmark's block."""
+"""Factor of safety of a block that slides on joints in an earthquake, and Newmark's block."""
 
 from __future__ import annotations
 
@@ -57,11 +57,6 @@ class BlockSliding:
         return ratio(self.resistance, np.maximum(self.driving, 0.0), negligible)
 
     @property
-    def yield_acceleration(self) -> float:
-        """Acceleration (R - D) / m of the static state at which the block slides [m/s^2]."""
-        return float(self.resistance[0] - self.driving[0]) / self.mass
-
-    @property
     def newmark_slip(self) -> Floats:
         """Slip of Newmark's rigid block, which starts if D > R, shape (records,), [m]."""
         steps = np.diff(self.time)
@@ -72,7 +67,10 @@ class BlockSliding:
         return np.append(0.0, np.cumsum(0.5 * steps * (velocity[1:] + velocity[:-1])))
 
     def measures(self) -> dict[str, float]:
-        """Return the main numbers, by name as in the table of quantities."""
+        """Return the main numbers, by name as in the table of quantities.
+
+        ``yield_acceleration`` is (R - D) / m of the static state.
+        """
         safety = self.safety
         least = int(np.argmin(safety))
         return {
@@ -80,7 +78,7 @@ class BlockSliding:
             "safety_min": float(safety[least]),
             "safety_time": float(self.time[least]),
             "time_below_one": float(np.diff(self.time) @ (safety[1:] < 1.0)),
-            "yield_acceleration": self.yield_acceleration,
+            "yield_acceleration": float(self.resistance[0] - self.driving[0]) / self.mass,
             "slip_residual": float(self.slip[-1]),
             "newmark_residual": float(self.newmark_slip[-1]),
         }
@@ -113,8 +111,8 @@ def block_sliding(
             blocks, no block is next to all planes, or there is no direction of sliding.
     """
     blocks = block_resultants(results)
-    block, sides = _block_of(results, planes, blocks.mass)
     joints = [joint_resultants(results, p, friction_angle_deg=friction_angle_deg) for p in planes]
+    block, sides = _block_of(results, planes, blocks.mass)
     for joint in joints:
         if not joint.geometry.nearly_plane or np.isnan(joint.friction):
             fault = joint.geometry.warning or "without a known friction angle"
@@ -126,7 +124,13 @@ def block_sliding(
     active = blocks.total_force[:rows, block] - blocks.total_force[0, block] - of_planes
     active[1:] -= mass * ground[: rows - 1]
     normals = np.array([s * joint.geometry.normal for s, joint in zip(sides, joints, strict=True)])
-    along = _unit(active[0], normals, direction)
+    along = np.asarray(projected_force(normals, active[0])[1] if direction is None else direction)
+    if not along.any():
+        raise ResultsError(
+            f"direction is {direction}, but a block that its static forces do not push along its "
+            "planes needs a direction of sliding that is not zero."
+        )
+    along = along / np.linalg.norm(along)
     parallel = np.abs(normals @ along) < PARALLEL  # the other planes open
     forces = np.array([projected_force(normals[parallel], row)[0] for row in active])
     resistance = np.zeros(rows)
@@ -144,10 +148,7 @@ def block_sliding(
 
 
 def recorded_blocks(results: Results) -> Mapping[str, BlockSliding]:
-    """Return the blocks of the run's metadata ``sliding``, by name.
-
-    Each entry has the arguments of `block_sliding`, or the names of its planes only.
-    """
+    """Return the blocks of the metadata ``sliding``: names, and planes or all arguments."""
     given = results.metadata.get("sliding", {})
     return {
         name: block_sliding(results, **(of if isinstance(of, Mapping) else {"planes": of}))
@@ -157,34 +158,16 @@ def recorded_blocks(results: Results) -> Mapping[str, BlockSliding]:
 
 def _block_of(results: Results, planes: Sequence[str], mass: Floats) -> tuple[int, list[float]]:
     """Return the block next to all planes, and 1 for planes whose + side it is, otherwise -1."""
-    sides = {}
-    for plane in planes:
-        results.check_joint(plane)
-        pairs = results.static(f"joints/{plane}/blocks")
-        sides[plane] = {
-            int(pairs[0, side]): sign
-            for side, sign in enumerate((-1.0, 1.0))
-            if (pairs[:, side] == pairs[0, side]).all()
-        }
-    common = set.intersection(*(set(of_plane) for of_plane in sides.values()))
+    pairs = [results.static(f"joints/{plane}/blocks") for plane in planes]
+    sides = [
+        {int(of[0, k]): 2.0 * k - 1.0 for k in (0, 1) if (of[:, k] == of[0, k]).all()}
+        for of in pairs
+    ]
+    common = set(sides[0]).intersection(*sides)
     if not common:
-        raise ResultsError(
-            f"No block is next to all points of {', '.join(planes)}; a block slides on joints that "
-            "separate it alone from other blocks."
-        )
+        raise ResultsError(f"No block is next to all points of {', '.join(planes)}.")
     block = min(common, key=lambda number: mass[number])
-    return block, [sides[plane][block] for plane in planes]
-
-
-def _unit(active: Floats, normals: Floats, direction: Sequence[float] | None) -> Floats:
-    """Return the unit vector of sliding under a force [N] on planes, or the given direction."""
-    along = np.asarray(projected_force(normals, active)[1] if direction is None else direction)
-    if not (length := float(np.linalg.norm(along))) > 0.0:
-        raise ResultsError(
-            f"direction is {direction}, but the block needs a direction of sliding that is not "
-            "zero; the static forces give none if they do not push the block along its planes."
-        )
-    return np.asarray(along / length)
+    return block, [of_plane[block] for of_plane in sides]
 
 
 def _mean_slip(results: Results, sides: Mapping[str, float], along: Floats) -> Floats:

@@ -105,13 +105,16 @@ from .postprocessing import plots as plots
 from .postprocessing import views as views
 from .postprocessing.animation import animate as animate
 from .postprocessing.criteria.checks import checks as checks
+from .postprocessing.criteria.sliding import block_sliding as block_sliding
 from .postprocessing.envelopes import Strength as Strength
 from .results.reader import Results as Results
+from .simulation.at_rest import to_rest as to_rest
 from .simulation.checkpoint import Checkpoints as Checkpoints
 from .simulation.first_state import InitialFields as InitialFields
 from .simulation.frequency_response import frequency_response as frequency_response
 from .simulation.monitor import Monitor as Monitor
 from .simulation.simulation import Simulation as Simulation
+from .solvers.interface.uniqueness import critical_friction as critical_friction
 from .solvers.step_solver import SolverOptions as SolverOptions
 from .study.accuracy import accuracy as accuracy
 from .study.factor_of_safety import FactorOfSafety as FactorOfSafety

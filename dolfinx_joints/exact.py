@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 import annotated_types as at
@@ -16,6 +18,9 @@ from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 
 Positive = Annotated[float, at.Gt(0)]
+NotNegative = Annotated[float, at.Ge(0)]
+Dip = Annotated[float, at.Interval(ge=0, le=90), at.Unit("degrees")]
+Azimuth = Annotated[float, at.Unit("degrees")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,3 +256,109 @@ class CoulombOscillator:
         centre = np.sign(turns[half]) * self.friction / self.stiffness
         swing = centre + (turns[half] - centre) * np.cos(math.pi * (t - half))
         return np.where(half == last, turns[last], swing)
+
+
+@checked
+def plane_normal(dip: Dip, dip_direction: Azimuth) -> Floats:
+    """Return the upward unit normal of a plane, shape (3,).
+
+    Args:
+        dip: Angle of the plane to the horizontal [degrees].
+        dip_direction: Azimuth of the line of steepest descent, clockwise from +y as seen from
+            above: x is east, y north, z up [degrees].
+    """
+    psi, alpha = np.radians([dip, dip_direction])
+    return np.array([np.sin(psi) * np.sin(alpha), np.sin(psi) * np.cos(alpha), np.cos(psi)])
+
+
+def projected_force(normals: Floats, force: Floats) -> tuple[Floats, Floats]:
+    """Return N, shape (planes,), and s, shape (3,), of a `SlidingWedge` under a force R [N].
+
+    The unit normals point to the wedge, shape (planes, 3). If s is rounding error, it is zero.
+    """
+    from scipy.optimize import nnls
+
+    forces, _ = nnls(normals.T, -force)
+    along = force + forces @ normals
+    at_rest = np.linalg.norm(along) <= 1e-12 * np.linalg.norm(force)
+    return forces, np.zeros(3) if at_rest else along
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
+class WedgePlane:
+    """Plane that bounds a rigid wedge.
+
+    Attributes:
+        dip: Angle to the horizontal [degrees].
+        dip_direction: Azimuth as in `plane_normal` [degrees].
+        friction_angle_deg: phi [degrees].
+        cohesion: c [Pa].
+        area: A, used with cohesion and water pressure [m^2].
+        pressure: Mean water pressure p [Pa].
+        above: True if the wedge is above the plane; False below it, as under a roof.
+    """
+
+    dip: Dip
+    dip_direction: Azimuth
+    friction_angle_deg: Annotated[float, at.Interval(ge=0, lt=90), at.Unit("degrees")]
+    cohesion: NotNegative = 0.0
+    area: NotNegative = 0.0
+    pressure: NotNegative = 0.0
+    above: bool = True
+
+    @property
+    def normal(self) -> Floats:
+        """Unit normal n towards the wedge, shape (3,)."""
+        return plane_normal(self.dip, self.dip_direction) * (1.0 if self.above else -1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
+class SlidingWedge:
+    """Rigid wedge on planes, by limit equilibrium (Hoek and Bray; Wyllie and Mah).
+
+    With R = force + sum p_i A_i n_i and the effective normal forces N_i,
+
+    s = R + sum N_i n_i,  N_i >= 0,  n_i . s >= 0,  N_i (n_i . s) = 0,
+    F = sum over N_i > 0 of (c_i A_i + N_i tan phi_i) / |s|
+
+    The wedge moves along s, the projection of R onto the directions that no plane blocks: the line
+    of intersection of two planes, the steepest line of one plane, or R if all planes open.
+
+    Attributes:
+        planes: Planes that bound the wedge, with linearly independent normals. Free surfaces are no
+            planes. A tension crack is a plane that opens.
+        force: Weight, thrust of a dam, inertia, without the water in the planes, shape (3,), [N].
+    """
+
+    planes: Sequence[WedgePlane]
+    force: Sequence[float]
+
+    @cached_property
+    def _solution(self) -> tuple[Floats, Floats]:
+        """Normal forces N, and the projection s of the active force [N]."""
+        normals = np.array([plane.normal for plane in self.planes])
+        water = np.array([plane.pressure * plane.area for plane in self.planes])
+        return projected_force(normals, np.asarray(self.force, dtype=np.float64) + water @ normals)
+
+    @property
+    def normal_forces(self) -> Floats:
+        """Effective normal force N_i of each plane, zero if the plane opens, [N]."""
+        return self._solution[0]
+
+    @property
+    def direction(self) -> Floats:
+        """Unit vector of the motion, shape (3,); NaN if the planes block every motion."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self._solution[1] / np.linalg.norm(self._solution[1]))
+
+    @property
+    def factor_of_safety(self) -> float:
+        """F: 1 at the limit, 0 if all planes open, infinite if the planes block every motion."""
+        driving, resistance = float(np.linalg.norm(self._solution[1])), 0.0
+        for plane, normal in zip(self.planes, self.normal_forces, strict=True):
+            if normal > 0.0:
+                friction = math.tan(math.radians(plane.friction_angle_deg))
+                resistance += plane.cohesion * plane.area + normal * friction
+        return resistance / driving if driving else math.inf

@@ -11,6 +11,7 @@ module                 model
 ``inclined_crack``     a large body with an inclined crack, plane or one cell thick
 ``ambiesta``           an arch dam with radial contraction joints
 ``sections_dam``       an arch dam from a table of horizontal sections, with a foundation
+``wedge``              a box of rock with a wedge between planes of given dip and dip direction
 ``from_step``          the touching solids of a STEP file
 ``gravity_dam``        a monolith of a gravity dam with lift joints, plane or solid
 =====================  =========================================================

@@ -25,7 +25,14 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.geometry.meshing import gmsh_model
-from dolfinx_joints.geometry.meshing.arguments import Length, Order, check_fine, mesh_path
+from dolfinx_joints.geometry.meshing.arguments import Length, Order, mesh_path
+from dolfinx_joints.geometry.meshing.planes import (
+    Plane,
+    check_planes,
+    cut_wedge,
+    faces_on_planes,
+)
+from dolfinx_joints.geometry.meshing.solids import add_groups, faces_of, mesh_solids, sides_of
 from dolfinx_joints.geometry.meshing.step_file import check_step_file, face_names
 from dolfinx_joints.geometry.meshing.step_options import (
     Where,
@@ -34,6 +41,7 @@ from dolfinx_joints.geometry.meshing.step_options import (
     named_pair,
     named_point,
     named_where,
+    numbers,
     outer_surfaces,
     pair_of,
 )
@@ -43,6 +51,7 @@ _FUZZY = "Geometry.ToleranceBoolean"
 _BOUNDS = "Geometry.OCCBoundsUseStl"  # otherwise boxes contain the control points of splines
 _OPTIONS = {"Geometry.OCCImportLabels": 1, "Geometry.OCCScaling": 1e-3, _FUZZY: 0.0, _BOUNDS: 1}
 JOINED = 1e-6  # faces at a smaller distance, relative to the body's extent, are joined
+WEDGE = "wedge"  # volume that planes cut out
 NEAR = 2e-3  # wider gaps between faces are assumed to be intended [m]
 
 
@@ -58,6 +67,8 @@ def from_step(
     joints: Mapping[str, tuple[str, str]] | None = None,
     tied: Sequence[tuple[str, str]] = (),
     surfaces: Mapping[str, Where] | None = None,
+    planes: Mapping[str, Plane] | None = None,
+    wedge: Sequence[float] | None = None,
     gui: bool = False,
     duplicated: bool = False,
 ) -> Path:
@@ -81,6 +92,9 @@ def from_step(
             ("x", 3.0), a direction and the largest angle to their mean outward normals, below
             90 degrees, such as ("-x", 40.0), a point (x, y, z) on one face [m], or the name of a
             face in the file.
+        planes: planes by name, as in `geometry.wedge.wedge`; they bound the volume ``wedge``.
+        wedge: point in the wedge [m]; the wedge is cut out of the solid around the point, and its
+            face on the plane NAME is the joint ``joint_NAME``.
         gui: show the mesh in Gmsh's window afterwards.
         duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 
@@ -96,6 +110,10 @@ def from_step(
     """
     path = mesh_path(out)
     gmsh_model.check_window(gui)
+    planes = planes or {}
+    check_planes(planes)
+    if bool(planes) != (wedge is not None):
+        raise ValueError("planes and wedge must be given together.")
     step = Path(step)
     described = check_step_file(step)
     has_names = any(isinstance(where, str) for where in (surfaces or {}).values())
@@ -110,18 +128,19 @@ def from_step(
             gmsh.option.setNumber(name, value)
         gmsh.option.setNumber("Mesh.SecondOrderLinear", 0)  # move nodes to the curved faces
         try:
-            owner, face_of = _import(step, described, size, solids or {}, labels)
+            owner, face_of = _import(step, described, size, solids or {}, labels, planes, wedge)
             volumes = {name: [t for t in owner if owner[t] == name] for name in owner.values()}
             _warn_of_gaps(step, volumes)
-            faces = _joints(volumes, joints or {}, tied)
-            solid_of = {f: tag for tag in owner for f in _faces(tag) if len(_sides(f)) == 1}
+            on_planes = faces_on_planes(volumes.get(WEDGE, ()), planes)
+            faces = _joints(volumes, joints or {}, tied, on_planes)
+            solid_of = {f: tag for tag in owner for f in faces_of(tag) if len(sides_of(f)) == 1}
             outer = outer_surfaces(solid_of, surfaces or {}, face_of)
             if shared := sorted(set(faces) & set(outer)):
                 raise ValueError(f"A joint and a surface have the same name: {shared[0]!r}.")
             faces |= outer
-            _group(3, volumes)
-            _group(2, faces)
-            _mesh(size, joint_size, faces, order)
+            add_groups(3, volumes)
+            add_groups(2, faces)
+            mesh_solids(size, joint_size, faces, order)
             gmsh_model.save(path, gui, duplicated)
         finally:
             gmsh.option.setString("Geometry.OCCTargetUnit", unit)
@@ -136,6 +155,8 @@ def _import(
     size: float,
     solids: Mapping[str, Sequence[float]],
     labels: Sequence[str],
+    planes: Mapping[str, Plane],
+    wedge: Sequence[float] | None,
 ) -> tuple[dict[int, str], dict[int, str]]:
     """Import the solids and cut them at their common faces; return their names by tag.
 
@@ -152,8 +173,13 @@ def _import(
     for name, point in solids.items():
         names[_solid_around(name, point, tags)] = name
     extent = _extent(step, size)
+    if wedge is not None:
+        host = _solid_around(WEDGE, wedge, tags)
+        part, remaining = cut_wedge(tags[host], planes, wedge)
+        names = [*names[:host], *[names[host]] * len(remaining), *names[host + 1 :], WEDGE]
+        tags = [*tags[:host], *remaining, *tags[host + 1 :], part]
     pieces = [(3, tag) for tag in tags]
-    pieces += [(2, face) for tag in tags for face in (_faces(tag) if labels else ())]
+    pieces += [(2, face) for tag in tags for face in (faces_of(tag) if labels else ())]
     if labels and len(pieces) != len(tags) + len(labels):
         raise ValueError(
             f"{step} describes {len(labels)} faces of solids, of which {len(pieces) - len(tags)} "
@@ -175,7 +201,7 @@ def _import(
                 )
             owner[tag] = name
     for tag, name in owner.items() if len(tags) > 1 else ():
-        if not any(len(_sides(face)) == 2 for face in _faces(tag)):
+        if not any(len(sides_of(face)) == 2 for face in faces_of(tag)):
             others = [other for other in owner if other != tag]
             gap, other = min((gmsh.model.occ.getDistance(3, tag, 3, o)[0], o) for o in others)
             raise ValueError(
@@ -207,16 +233,6 @@ def _read(step: Path, described: int, scale: float) -> list[tuple[int, str]]:
     return [(tag, gmsh.model.getEntityName(3, tag).rpartition("/")[2]) for tag in solids]
 
 
-def _faces(volume: int) -> list[int]:
-    """Return the faces of a volume."""
-    return [int(face) for face in gmsh.model.getAdjacencies(3, volume)[1]]
-
-
-def _sides(face: int) -> list[int]:
-    """Return the volumes next to a face."""
-    return [int(volume) for volume in gmsh.model.getAdjacencies(2, face)[0]]
-
-
 def _extent(step: Path, size: float) -> float:
     """Return the largest extent of the body [m], after checking it against the cell size."""
     extent = float(np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)), axis=0).max())
@@ -231,7 +247,7 @@ def _extent(step: Path, size: float) -> float:
 def _warn_of_gaps(step: Path, volumes: dict[str, list[int]]) -> None:
     """Warn of outer faces of solids that are so close that a joint may be intended."""
     name = {tag: name for name, tags in volumes.items() for tag in tags}
-    faces = [(tag, face) for tag in name for face in _faces(tag) if len(_sides(face)) == 1]
+    faces = [(tag, face) for tag in name for face in faces_of(tag) if len(sides_of(face)) == 1]
     box = {f: np.reshape(gmsh.model.getBoundingBox(2, f), (2, 3)) for _, f in faces}
     corners = {f: set(gmsh.model.getBoundary([(2, f)], recursive=True)) for _, f in faces}
     gaps: dict[tuple[int, int], float] = {}
@@ -269,13 +285,14 @@ def _joints(
     volumes: dict[str, list[int]],
     joints: Mapping[str, tuple[str, str]],
     tied: Sequence[tuple[str, str]],
+    on_planes: dict[str, list[int]],
 ) -> dict[str, list[int]]:
-    """Return the faces of each joint."""
+    """Return the faces of each joint, including those on the planes of a wedge."""
     group = {tag: name for name, tags in volumes.items() for tag in tags}
     touching: dict[frozenset[str], list[int]] = {}
     for _, face in gmsh.model.getEntities(2):
-        names_of = frozenset(group[tag] for tag in _sides(face))
-        if len(names_of) == 2:
+        names_of = frozenset(group[tag] for tag in sides_of(face))
+        if len(names_of) == 2 and not any(face in faces for faces in on_planes.values()):
             touching.setdefault(names_of, []).append(face)
     names = {
         frozenset(pair): "_".join(pair)
@@ -301,48 +318,11 @@ def _joints(
         else:
             check_word("A joint", name)
             names[frozenset(pair)] = name
-    if len(set(names.values())) < len(names):
+    if len({*(f"joint_{name}" for name in names.values()), *on_planes}) < len(names) + len(
+        on_planes
+    ):
         raise ValueError(f"Two joints have the same name: {', '.join(sorted(names.values()))}.")
-    return {f"joint_{name}": touching[sides] for sides, name in names.items()}
-
-
-def _group(dim: int, groups: dict[str, list[int]]) -> None:
-    for name, tags in groups.items():
-        gmsh.model.addPhysicalGroup(dim, tags, name=name)
-
-
-def _number_of_cells(size: float, joint_size: float, joint: list[tuple[int, int]]) -> float:
-    """Return the approximate number of tetrahedra in the solids and at the joints."""
-    volume = sum(gmsh.model.occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
-    outer = sum(gmsh.model.occ.getMass(2, tag) for _, tag in gmsh.model.getEntities(2))
-    edges = sum(gmsh.model.occ.getMass(1, tag) for _, tag in gmsh.model.getEntities(1))
-    joint_area = sum(gmsh.model.occ.getMass(2, tag) for _, tag in joint)
-    h = min(size, joint_size)
-    return volume / size**3 * 8 + outer / size**2 * 2 + edges / size + joint_area / h**2 * 8
-
-
-def _mesh(size: float, joint_size: float | None, faces: dict[str, list[int]], order: int) -> None:
-    """Mesh the current model and check its cells."""
-    joint = [(2, f) for name, tags in faces.items() if name.startswith("joint_") for f in tags]
-    check_fine(_number_of_cells(size, size if joint_size is None else joint_size, joint))
-    gmsh.model.mesh.setSize(gmsh.model.getEntities(0), size)
-    if joint_size is not None:
-        corners = gmsh.model.getBoundary(joint, combined=False, recursive=True) if joint else []
-        gmsh.model.mesh.setSize(corners, min(size, joint_size))
-    try:
-        gmsh.model.mesh.generate(3)
-        gmsh_model.raise_order(order)
-    except Exception as error:
-        raise RuntimeError(f"Gmsh cannot mesh the solids: {error}.") from None
-    kind = 11 if order == 2 else 4
-    smallest = float(
-        np.min([gmsh_model.scaled_jacobians(kind, t).min() for _, t in gmsh.model.getEntities(3)])
-    )
-    if not smallest > 0:
-        raise RuntimeError(
-            f"the smallest scaled Jacobian of the mesh is {smallest:.3g}, but it must be positive: "
-            "choose a smaller size or order 1."
-        )
+    return {f"joint_{name}": touching[sides] for sides, name in names.items()} | on_planes
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -359,6 +339,7 @@ def main(argv: list[str] | None = None) -> None:
         ("solid", named_point, "NAME=X,Y,Z", "name the solid around a point [m]"),
         ("joint", named_pair, "NAME=A,B", "name the joint between two volumes"),
         ("tied", pair_of, "A,B", "no joint between two volumes"),
+        ("plane", named_point, "NAME=DIP,DIRECTION,X,Y,Z", "bound the wedge by a plane"),
         (
             "surface",
             named_where,
@@ -377,8 +358,11 @@ def main(argv: list[str] | None = None) -> None:
             help=text,
         )
 
+    help_of_wedge = "point in the wedge, all planes bound it [m]"
+    parser.add_argument("--wedge", type=numbers, metavar="X,Y,Z", help=help_of_wedge)
+
     def model(out: Path, **options: object) -> Path:
-        for option in ("solids", "joints", "surfaces"):
+        for option in ("solids", "joints", "surfaces", "planes"):
             pairs: list[tuple[str, object]] = options[option]  # type: ignore[assignment]
             options[option] = dict(pairs)
             if len(dict(pairs)) < len(pairs):

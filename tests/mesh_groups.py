@@ -77,6 +77,23 @@ def area(groups, name):
     return 0.5 * np.linalg.norm(normal, axis=1).sum()
 
 
+def facet_area(path, name):
+    """Return the area of a surface group of plane triangles [m^2]."""
+    with gmsh_model.gmsh_session():
+        gmsh.merge(str(path))
+        for dim, physical in gmsh.model.getPhysicalGroups(2):
+            if gmsh.model.getPhysicalName(dim, physical) == name:
+                tags = gmsh.model.getEntitiesForPhysicalGroup(dim, physical)
+                total = 0.0
+                for tag in tags:
+                    (kind,), _, _ = gmsh.model.mesh.getElements(2, tag)
+                    points, weights = gmsh.model.mesh.getIntegrationPoints(kind, "Gauss4")
+                    _, det, _ = gmsh.model.mesh.getJacobians(kind, points, tag)
+                    total += float((det.reshape(-1, weights.size) @ weights).sum())
+                return total
+    raise AssertionError(name)
+
+
 def dam_volume(dam, top=1.0):
     """Integrate the volume of an arch dam from its formulas [m^3].
 

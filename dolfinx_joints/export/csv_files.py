@@ -37,6 +37,7 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
     - ``joint_extremes.csv``: one row per joint and step: `measures.joint_extremes`;
     - ``resultants.csv``: one row per joint and record: `resultants.joint_resultants`;
     - ``blocks.csv``: one row per block and record, if recorded;
+    - ``sliding.csv``: one row per sliding block and record: `sliding.BlockSliding`;
     - ``envelopes.csv``: one row per vertex, if recorded;
     - ``modes.csv``: one row per mode, for a file of modes.
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.postprocessing.criteria.sliding import recorded_blocks
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.postprocessing.frames import static_displacement, zero_name
 from dolfinx_joints.postprocessing.joints.resultants import (
@@ -50,6 +51,7 @@ def tables_of(results: Results, *only: str) -> dict[str, Table]:
     """
     check_results(results)
     streams = {name for name in results.streams if results.rows(name)}
+    streams |= {"sliding"} if "sliding" in results.metadata else set()
     streams |= {"modes"} if "modes/frequency" in results.statics else set()
     return {
         name: make(results)
@@ -225,6 +227,13 @@ def _blocks(results: Results) -> Table:
     return _stack("block", parts)
 
 
+def _sliding(results: Results) -> Table:
+    parts, rows = {}, TABLE["sliding"]
+    for name, block in recorded_blocks(results).items():
+        parts[name] = _time_table(rows, {r.key: getattr(block, r.key) for r in rows}, block.time)
+    return _stack("block", parts)
+
+
 def _stack(kind: str, parts: Mapping[Any, Table]) -> Table:
     """Return tables with equal columns as one; the new first column names the joint or block."""
     header = [kind, *next(iter(parts.values())).header]
@@ -263,6 +272,7 @@ TABLES: dict[str, tuple[str, bool, Callable[[Results], Table]]] = {
     "joint_extremes": ("states", True, _joint_extremes),
     "resultants": ("states", True, _resultants),
     "blocks": ("resultants", False, _blocks),
+    "sliding": ("sliding", True, _sliding),
     "envelopes": ("envelopes", False, _envelopes),
     "modes": ("modes", False, _modes),
 }

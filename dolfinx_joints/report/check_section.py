@@ -1,17 +1,21 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Report section with the checks of a dam: criterion, value, limit, and whether it is met."""
+"""Report sections with the checks of a dam, and with the safety of sliding blocks."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.postprocessing.criteria import checks as criteria
+from dolfinx_joints.postprocessing.criteria.sliding import recorded_blocks
 from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE
-from dolfinx_joints.report.page import Section, paragraph, table
+from dolfinx_joints.report.page import Curve, Html, Section, panels, paragraph, table
 from dolfinx_joints.report.runs import Content, nothing
+from dolfinx_joints.results.quantities import TABLE
 
 _NOTE = (
     "Default limits are the linear criteria of USACE EM 1110-2-6053 (2007) and of Y. Ghanaat and "
@@ -19,6 +23,12 @@ _NOTE = (
     "cell groups with joints, at vertices with a strength; other tables of stresses cover all "
     "recorded vertices."
 )
+_SLIDING = (
+    "The factor of safety F is the shear strength of the planes under the forces on a rigid block, "
+    "divided by the force along the direction of sliding. Newmark's block is rigid; it starts to "
+    "slide if F is below 1, and slides until its velocity is zero."
+)
+_SAFE = 5.0  # largest factor of safety that is drawn
 
 
 def checks(content: Content) -> Section:
@@ -42,3 +52,32 @@ def checks(content: Content) -> Section:
     if not pieces:
         return nothing("checks", "Checks", "strengths and no limits")
     return Section("checks", "Checks", [*pieces, paragraph(_NOTE, "note")])
+
+
+def sliding(content: Content) -> Section | None:
+    """Return the section with the blocks of the runs' metadata ``sliding``, None without blocks."""
+    pieces: list[Html] = []
+    curves: list[list[Curve]] = [[], []]
+    columns = TABLE["sliding_measures"]
+    for run in content.runs:
+        try:
+            blocks = recorded_blocks(run.results)
+        except (TypeError, ValueError, JointsError) as error:
+            pieces.append(paragraph(f"Blocks of {run.label} cannot be evaluated: {error}"))
+            continue
+        rows = []
+        for name, block in blocks.items():
+            values = block.measures()
+            rows.append([name, *(row.factor * values[row.name] for row in columns)])
+            label, safety = f"{name}, {run.label}", np.minimum(block.safety, _SAFE)
+            curves[0].append((label, block.time, safety))
+            curves[1].append((label, block.slip_time, 1e3 * block.slip))
+            curves[1].append((f"{label}: Newmark's block", block.time, 1e3 * block.newmark_slip))
+        if rows:
+            head = ["block", *(row.heading for row in columns)]
+            pieces.append(table(f"Sliding blocks ({run.label})", head, rows))
+    if curves[0]:
+        spec = panels(curves, ["factor of safety", "slip [mm]"], "time [s]", shown=6)
+        caption = f"Factor of safety, drawn up to {_SAFE:g}, and slip against time."
+        pieces += [content.drawings.plot("sliding", spec, caption), paragraph(_SLIDING, "note")]
+    return Section("sliding", "Sliding blocks", pieces) if pieces else None

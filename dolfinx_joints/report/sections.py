@@ -28,6 +28,7 @@ SECTIONS: tuple[Callable[[Content], Section | None], ...] = (
     joint_sections.joints,
     body_sections.stresses,
     check_section.checks,
+    check_section.sliding,
     parameter_sections.parameters,
     body_sections.mesh,
     run_sections.energies,

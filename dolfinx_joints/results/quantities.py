@@ -244,6 +244,22 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("share_frictionless", "-", "closed without friction", "%"),
         Q("share_broken", "-", "bonds broken at the end", "%"),
     ),
+    # From `BlockSliding`, not in files.
+    "sliding": (
+        Q("driving", "N", "driving force"),
+        Q("resistance", "N", "shear strength"),
+        Q("safety", "-", "factor of safety"),
+        Q("newmark_slip", "m", "slip of Newmark's block", "mm"),
+    ),
+    "sliding_measures": (
+        Q("safety_static", "-", "static F"),
+        Q("safety_min", "-", "least F"),
+        Q("safety_time", "s", "least F at"),
+        Q("time_below_one", "s", "time with F < 1"),
+        Q("yield_acceleration", "m/s^2", "yield acceleration", "m/s²"),
+        Q("slip_residual", "m", "slip at the end", "mm"),
+        Q("newmark_residual", "m", "slip of Newmark's block", "mm"),
+    ),
     # From `resultant_measures`, not in files.
     "resultant_measures": (
         Q("safety_min", "-"),

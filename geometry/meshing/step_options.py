@@ -72,6 +72,11 @@ def named_point(text: str) -> tuple[str, tuple[float, ...]]:
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=X,Y,Z") from None
 
 
+def numbers(text: str) -> tuple[float, ...]:
+    """Return the numbers of the text A,B,..."""
+    return named_point(f"={text}")[1]
+
+
 def named_where(text: str) -> tuple[str, Where]:
     """Return the name and the place of the text NAME:AXIS=VALUE, NAME:X,Y,Z or NAME:FACE."""
     name, _, place = text.partition(":")

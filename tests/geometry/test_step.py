@@ -12,6 +12,7 @@ from mpi4py import MPI
 import gmsh
 import numpy as np
 import pytest
+from mesh_groups import facet_area
 
 import dolfinx_joints as dj
 from dolfinx_joints.geometry import from_step as script
@@ -48,23 +49,6 @@ def write_step(path, boxes, dim=3):
 @pytest.fixture(scope="module")
 def step(tmp_path_factory):
     return write_step(tmp_path_factory.mktemp("step") / "pier.step", BOXES)
-
-
-def facet_area(path, name):
-    """Return the area of a surface group of plane triangles [m^2]."""
-    with gmsh_model.gmsh_session():
-        gmsh.merge(str(path))
-        for dim, physical in gmsh.model.getPhysicalGroups(2):
-            if gmsh.model.getPhysicalName(dim, physical) == name:
-                tags = gmsh.model.getEntitiesForPhysicalGroup(dim, physical)
-                total = 0.0
-                for tag in tags:
-                    (kind,), _, _ = gmsh.model.mesh.getElements(2, tag)
-                    points, weights = gmsh.model.mesh.getIntegrationPoints(kind, "Gauss4")
-                    _, det, _ = gmsh.model.mesh.getJacobians(kind, points, tag)
-                    total += float((det.reshape(-1, weights.size) @ weights).sum())
-                return total
-    raise AssertionError(name)
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -130,6 +114,23 @@ def test_solids_of_one_name_are_one_volume(tmp_path, step):
     )
     assert report.volume == pytest.approx({"rock": 30.0, "pier": 20.0}, rel=1e-9)
     assert {name for name in report.num_facets if "joint" in name} == {"joint_rock_pier"}
+
+
+def test_planes_cut_a_wedge_out_of_a_solid(tmp_path, step):
+    # The planes rise from x = 1 m, z = 2 m to the top of the rock at z = 3 m; the pier is at x > 1.
+    planes = {"left": (45.0, 90.0, 1.0, 0.0, 2.0), "right": (45.0, 270.0, 1.0, 0.0, 2.0)}
+    options = {"size": 1.0, "order": 1, "planes": planes, "wedge": (1.0, 1.0, 2.5)}
+    out = from_step(tmp_path / "p.msh", step, surfaces={"base": ("z", "min")}, **options)
+    report = gmsh_model.describe(out)
+    volumes = {"wedge": 2.0, "rock": 22.0, "pier": 20.0, "side": 6.0}
+    assert report.volume == pytest.approx(volumes, rel=1e-6)
+    areas = {"joint_left": 2 * 2**0.5, "joint_right": 2 * 2**0.5, "joint_pier_wedge": 2.0}
+    areas |= {"joint_rock_pier": 2.0, "joint_rock_side": 6.0}
+    assert {n for n in report.num_facets if "joint" in n} == set(areas)
+    for name, exact in areas.items():
+        assert facet_area(out, name) == pytest.approx(exact, rel=1e-6), name
+    with pytest.raises(ValueError, match="planes and wedge must be given together"):
+        from_step(tmp_path / "p.msh", step, size=1.0, planes=planes)
 
 
 @pytest.fixture(scope="module")

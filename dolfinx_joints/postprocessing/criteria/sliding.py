@@ -1,0 +1,181 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Factor of safety of a block that slides on joints in an earthquake, and Newmark's block."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import compress
+from typing import Annotated
+
+import annotated_types as at
+import numpy as np
+
+from dolfinx_joints.common.arrays import Floats
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.exact import projected_force
+from dolfinx_joints.postprocessing.frames import ground_in_steps
+from dolfinx_joints.postprocessing.joints.extremes import NEGLIGIBLE_SUM, FrictionAngle, ratio
+from dolfinx_joints.postprocessing.joints.resultants import block_resultants, joint_resultants
+from dolfinx_joints.results.joint_points import free_areas, gaps
+from dolfinx_joints.results.reader import Results
+
+# A plane is parallel to the direction of sliding if the angle is below about 1 degree [radians].
+PARALLEL = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlockSliding:
+    """Forces and slip of a block along its direction of sliding, equations (38) and (39).
+
+    The forces of a record are means of the step that ends there; the first record is static.
+
+    Attributes:
+        direction: Unit vector of the motion of the block, shape (3,).
+        mass: Mass of the block [kg].
+        time: Times, shape (records,), [s].
+        driving: Force D on the rigid block along the direction, shape (records,), [N].
+        resistance: Shear strength R of the planes of a rigid block, shape (records,), [N].
+        slip_time: Times of the stored states, shape (states,), [s].
+        slip: Mean slip along the direction since the first state, shape (states,), [m].
+    """
+
+    direction: Floats
+    mass: float
+    time: Floats
+    driving: Floats
+    resistance: Floats
+    slip_time: Floats
+    slip: Floats
+
+    @property
+    def safety(self) -> Floats:
+        """Factor of safety F = R / D, infinite without a driving force, shape (records,)."""
+        negligible = NEGLIGIBLE_SUM * float(np.max(np.abs(self.driving), initial=0.0))
+        return ratio(self.resistance, np.maximum(self.driving, 0.0), negligible)
+
+    @property
+    def newmark_slip(self) -> Floats:
+        """Slip of Newmark's rigid block, which starts if D > R, shape (records,), [m]."""
+        steps = np.diff(self.time)
+        excess = (self.driving - self.resistance)[1:] / self.mass
+        gained = np.append(0.0, np.cumsum(steps * excess))
+        # The block stops if its velocity falls to zero; it does not slide back.
+        velocity = gained - np.minimum.accumulate(gained)
+        return np.append(0.0, np.cumsum(0.5 * steps * (velocity[1:] + velocity[:-1])))
+
+    def measures(self) -> dict[str, float]:
+        """Return the main numbers, by name as in the table of quantities.
+
+        ``yield_acceleration`` is (R - D) / m of the static state.
+        """
+        safety = self.safety
+        least = int(np.argmin(safety))
+        return {
+            "safety_static": float(safety[0]),
+            "safety_min": float(safety[least]),
+            "safety_time": float(self.time[least]),
+            "time_below_one": float(np.diff(self.time) @ (safety[1:] < 1.0)),
+            "yield_acceleration": float(self.resistance[0] - self.driving[0]) / self.mass,
+            "slip_residual": float(self.slip[-1]),
+            "newmark_residual": float(self.newmark_slip[-1]),
+        }
+
+
+@checked
+def block_sliding(
+    results: Results,
+    planes: Annotated[Sequence[str], at.MinLen(1)],
+    *,
+    direction: Annotated[Sequence[float], at.Len(3, 3)] | None = None,
+    friction_angle_deg: FrictionAngle | None = None,
+) -> BlockSliding:
+    """Return the factor of safety of a block against sliding on joints, at every step.
+
+    The block is next to all planes; of two blocks the lighter one. The active force on the block is
+    that of the static equilibrium at the start, plus the change of the forces of its other joints,
+    such as the thrust of a dam, minus mass times ground acceleration. Loads on the block must be
+    constant.
+
+    Args:
+        results: A run with ``ResultsMonitor(resultants=True)``, from static equilibrium.
+        planes: Names of the joints on which the block slides.
+        direction: Direction of sliding, shape (3,). By default that of the static forces: the line
+            of intersection of two planes, or the steepest line of one plane.
+        friction_angle_deg: Friction angle of all planes; by default that of each joint law.
+
+    Raises:
+        ResultsError: A name is not a plane joint with friction, the run did not record forces on
+            blocks, no block is next to all planes, or there is no direction of sliding.
+    """
+    blocks = block_resultants(results)
+    joints = [joint_resultants(results, p, friction_angle_deg=friction_angle_deg) for p in planes]
+    block, sides = _block_of(results, planes, blocks.mass)
+    for joint in joints:
+        if not joint.geometry.nearly_plane or np.isnan(joint.friction):
+            fault = joint.geometry.warning or "without a known friction angle"
+            raise ResultsError(f"A block slides on plane joints; {joint.joint!r} is {fault}.")
+    ground = ground_in_steps(results)
+    rows = min(len(blocks.time), len(ground) + 1, *(len(joint.contact) for joint in joints))
+    mass = float(blocks.mass[block])
+    of_planes = sum(side * joint.force[:rows] for side, joint in zip(sides, joints, strict=True))
+    active = blocks.total_force[:rows, block] - blocks.total_force[0, block] - of_planes
+    active[1:] -= mass * ground[: rows - 1]
+    normals = np.array([s * joint.geometry.normal for s, joint in zip(sides, joints, strict=True)])
+    along = np.asarray(projected_force(normals, active[0])[1] if direction is None else direction)
+    if not along.any():
+        raise ResultsError(
+            f"direction is {direction}, but a block that its static forces do not push along its "
+            "planes needs a direction of sliding that is not zero."
+        )
+    along = along / np.linalg.norm(along)
+    parallel = np.abs(normals @ along) < PARALLEL  # the other planes open
+    forces = np.array([projected_force(normals[parallel], row)[0] for row in active])
+    resistance = np.zeros(rows)
+    for joint, normal_force in zip(compress(joints, parallel), forces.T, strict=True):
+        resistance += joint.friction * normal_force + joint.bond[:rows]
+    return BlockSliding(
+        direction=along,
+        mass=mass,
+        time=blocks.time[:rows],
+        driving=active @ along,
+        resistance=resistance,
+        slip_time=results.time("states"),
+        slip=_mean_slip(results, dict(zip(planes, sides, strict=True)), along),
+    )
+
+
+def recorded_blocks(results: Results) -> Mapping[str, BlockSliding]:
+    """Return the blocks of the metadata ``sliding``: names, and planes or all arguments."""
+    given = results.metadata.get("sliding", {})
+    return {
+        name: block_sliding(results, **(of if isinstance(of, Mapping) else {"planes": of}))
+        for name, of in given.items()
+    }
+
+
+def _block_of(results: Results, planes: Sequence[str], mass: Floats) -> tuple[int, list[float]]:
+    """Return the block next to all planes, and 1 for planes whose + side it is, otherwise -1."""
+    pairs = [results.static(f"joints/{plane}/blocks") for plane in planes]
+    sides = [
+        {int(of[0, k]): 2.0 * k - 1.0 for k in (0, 1) if (of[:, k] == of[0, k]).all()}
+        for of in pairs
+    ]
+    common = set(sides[0]).intersection(*sides)
+    if not common:
+        raise ResultsError(f"No block is next to all points of {', '.join(planes)}.")
+    block = min(common, key=lambda number: mass[number])
+    return block, [of_plane[block] for of_plane in sides]
+
+
+def _mean_slip(results: Results, sides: Mapping[str, float], along: Floats) -> Floats:
+    """Return the mean slip of a block on its planes since the first state, (states,), [m]."""
+    moved, area = np.zeros(results.rows("states")), 0.0
+    for plane, side in sides.items():
+        areas, frames = free_areas(results, plane), results.static(f"joints/{plane}/frames")
+        gap = gaps(results, "states", plane)[: len(moved)]
+        moved += side * np.einsum("tnk,nk,n->t", gap, frames @ along, areas)
+        area += float(areas.sum())
+    return np.asarray((moved - moved[0]) / area)

@@ -1,0 +1,105 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Wedges cut out of solids by planes with a dip and a dip direction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import gmsh
+import numpy as np
+
+from dolfinx_joints.common.parameters import real, shown
+from dolfinx_joints.exact import plane_normal
+from dolfinx_joints.geometry.meshing.extrusion import FloatArray
+from dolfinx_joints.geometry.meshing.solids import sides_of
+from dolfinx_joints.geometry.meshing.step_options import check_word, is_point
+
+# Dip and dip direction as in `plane_normal` [degrees], and a point x, y, z of the plane [m].
+Plane = Sequence[float]
+
+ON_PLANE = 1e-6  # largest distance of a face from its plane, relative to the body's extent
+
+
+def check_planes(planes: Mapping[str, Plane]) -> None:
+    """Raise ValueError unless each plane has a name and five numbers."""
+    for name, plane in planes.items():
+        check_word("A plane", name)
+        numbers = [real(x) for x in plane]
+        if len(numbers) != 5 or not np.isfinite(numbers).all() or not 0 <= numbers[0] <= 90:
+            raise ValueError(
+                f"The plane {name!r} is {shown(plane)}, but it must be (dip, dip direction, x, y, "
+                "z) with a dip from 0 to 90 degrees."
+            )
+
+
+def bounded(solid: int, planes: Mapping[str, Plane], inside: Sequence[float]) -> int:
+    """Cut a solid by planes; return the tag of the part around a point, the rest is removed.
+
+    Raises:
+        ValueError: if the point is not in the solid, or lies on a plane.
+    """
+    if not is_point(inside):
+        raise ValueError(f"The point of a wedge is {shown(inside)}, but it must be (x, y, z).")
+    point, occ, parts = np.asarray(inside, dtype=np.float64), gmsh.model.occ, [(3, solid)]
+    box = np.reshape(gmsh.model.getBoundingBox(3, solid), (2, 3))
+    reach = 2.0 * float(np.linalg.norm(box[1] - box[0]))
+    for name, plane in planes.items():
+        normal = plane_normal(*plane[:2])
+        distance = float((point - plane[2:]) @ normal)
+        if abs(distance) < ON_PLANE * reach:
+            raise ValueError(f"The point {tuple(inside)} lies on the plane {name!r}.")
+        low = 0.0 if distance > 0 else -2.0 * reach
+        half = [(3, occ.addBox(-reach, -reach, low, 2 * reach, 2 * reach, 2 * reach))]
+        occ.rotate(half, 0, 0, 0, -normal[1], normal[0], 0, np.radians(plane[0]))
+        occ.translate(half, *(point - distance * normal))
+        parts, _ = occ.intersect(parts, half)
+    occ.synchronize()
+    around = [tag for dim, tag in parts if dim == 3 and gmsh.model.isInside(3, tag, list(point))]
+    if len(around) != 1:
+        raise ValueError(f"The point {tuple(inside)} of the wedge is not inside the rock.")
+    occ.remove([part for part in parts if part[1] != around[0]], recursive=True)
+    occ.synchronize()
+    return around[0]
+
+
+def cut_wedge(
+    solid: int, planes: Mapping[str, Plane], inside: Sequence[float]
+) -> tuple[int, list[int]]:
+    """Cut the part around a point out of a solid; return its tag, and those of the rest."""
+    occ = gmsh.model.occ
+    ((_, copy),) = occ.copy([(3, solid)])
+    occ.synchronize()
+    wedge = bounded(copy, planes, inside)
+    remaining, _ = occ.cut([(3, solid)], [(3, wedge)], removeTool=False)
+    occ.synchronize()
+    return wedge, [tag for dim, tag in remaining if dim == 3]
+
+
+def faces_on_planes(wedge: Iterable[int], planes: Mapping[str, Plane]) -> dict[str, list[int]]:
+    """Return the faces between a wedge and other volumes on each plane, by joint name.
+
+    Raises:
+        ValueError: if a plane does not bound the wedge.
+    """
+    tags = set(wedge)
+    faces = [f for _, f in gmsh.model.getEntities(2) if len(set(sides_of(f)) & tags) == 1]
+    faces = [face for face in faces if len(sides_of(face)) == 2]
+    extent = np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)), axis=0).max()
+    joints = {}
+    for name, plane in planes.items():
+        normal = plane_normal(*plane[:2])
+        joints[f"joint_{name}"] = [
+            face
+            for face in faces
+            if np.abs((_corners(face) - plane[2:]) @ normal).max() < ON_PLANE * extent
+        ]
+        if not joints[f"joint_{name}"]:
+            raise ValueError(f"The plane {name!r} does not bound the wedge.")
+    return joints
+
+
+def _corners(face: int) -> FloatArray:
+    """Return the corners of a face, shape (n, 3), [m]."""
+    corners = gmsh.model.getBoundary([(2, face)], combined=False, recursive=True)
+    return np.array([gmsh.model.getValue(0, tag, []) for _, tag in corners])

@@ -111,7 +111,7 @@ def warn_of_grout(comm: Any, pressure: float) -> None:
     doubt(comm, *_out_of_range("grout: pressure", pressure, GROUT_PRESSURE))
 
 
-def warn_of_strengths(strengths: Mapping[str, Any]) -> list[str]:
+def warn_of_strengths(comm: Any, strengths: Mapping[str, Any]) -> list[str]:
     """Warn of implausible strengths by cell group, and return the texts; on rank 0."""
     texts = []
     for group, given in strengths.items():
@@ -121,7 +121,7 @@ def warn_of_strengths(strengths: Mapping[str, Any]) -> list[str]:
         if given.compressive < given.tensile:
             numbers = f"{given.compressive:g} Pa, less than tensile {given.tensile:g} Pa"
             texts.append(f"{owner}: compressive is {numbers}; are they interchanged?")
-    doubt(MPI.COMM_WORLD, *texts)
+    doubt(comm, *texts)
     return texts
 
 

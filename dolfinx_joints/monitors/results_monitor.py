@@ -110,7 +110,7 @@ class ResultsMonitor(Monitor):
         check_kind_of("strength", given, are_strengths, "a Strength, or one by cell group")
         if self._strengths and not self.envelopes:
             raise ValueError("strength needs recorded stresses: set envelopes=True as well.")
-        self._doubts = warn_of_strengths(self._strengths)
+        self._doubts: list[str] | None = None  # warnings of strengths
         self._path, self._points = Path(self.path), check_points(self.points)
         self._backup = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None
@@ -128,6 +128,8 @@ class ResultsMonitor(Monitor):
             check_has_envelopes(model)
         for group in filter(None, self._strengths):
             model.jointed.cells(group)  # Raises an error if the group does not exist.
+        if self._doubts is None:
+            self._doubts = warn_of_strengths(model.jointed.mesh.comm, self._strengths)
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
         """Add new stages to a file with static stages only (collective).
@@ -159,10 +161,8 @@ class ResultsMonitor(Monitor):
                     for number, row in enumerate(rows, start=count + 1):
                         writer.append("statics", number, row)
                     writer.finish(*ending)
-        self._last_stage, self._stages = (
-            stages[-1] if stages else self._last_stage,
-            count + len(rows),
-        )
+        self._last_stage = stages[-1] if stages else self._last_stage
+        self._stages = count + len(rows)
 
     def _static_writer(self, model: Model, stages: Sequence[StageRecord]) -> ResultsWriter:
         """Return a writer for a file with static stages only, on rank 0."""
@@ -200,10 +200,7 @@ class ResultsMonitor(Monitor):
         block, state = self._series.take(), self._values(first, static)
         forces = self._series.resultants
         stages = [self._stage_fields.values(record) for record in first.stages]
-        examples = {
-            stream: {name: rows[0] for name, rows in series.items()}
-            for stream, series in block[1].items()
-        }
+        examples = {s: {name: rows[0] for name, rows in v.items()} for s, v in block[1].items()}
         examples |= {"states": state} | ({"statics": stages[0]} if stages else {})
         examples |= self._ending()
         rows = dict.fromkeys(("histories", "energy", "joints", "resultants"), steps + 1)
@@ -263,7 +260,7 @@ class ResultsMonitor(Monitor):
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
         notes = [f"{n} {m}" for n, m in zip(self._points, self._probe.notes, strict=True) if m]
         texts = [f"Monitored points: {'; '.join(notes)}."] if notes else []
-        self._warnings = [*self._doubts, *texts]
+        self._warnings = [*(self._doubts or ()), *texts]
         if texts and self._comm.rank == 0:
             warn(texts[0])
         self._envelopes = self._directions = None
@@ -307,12 +304,7 @@ class ResultsMonitor(Monitor):
             if self._writer is not None:
                 self._writer.to_disk()
                 records = self._writer.records
-        return {
-            "records": records,
-            "settings": self._settings,
-            "envelopes": columns,
-            **series,
-        }
+        return series | {"records": records, "settings": self._settings, "envelopes": columns}
 
     @property
     def _settings(self) -> dict[str, Any]:

@@ -31,6 +31,7 @@ from .export.comparison import compare as compare
 from .export.csv_files import write_csv as write_csv
 from .joints.ufl_law import PotentialJoint as PotentialJoint
 from .joints.ufl_law import TractionJoint as TractionJoint
+from .laws.cohesive import CohesiveJoint as CohesiveJoint
 from .laws.friction import FrictionNoTension as FrictionNoTension
 from .laws.friction import frictionless as frictionless
 from .laws.keyed import KeyedJoint as KeyedJoint

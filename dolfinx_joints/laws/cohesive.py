@@ -1,0 +1,295 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Joint with a bond that softens (fracture energy in modes I and II) and with friction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Literal
+
+import annotated_types as at
+import numpy as np
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.kernels import inline
+from dolfinx_joints.laws.angle import coefficient_of, set_friction
+from dolfinx_joints.laws.friction import friction_at_end
+from dolfinx_joints.laws.law import (
+    BACKWARD_EULER,
+    DISCRETE_GRADIENT,
+    NO_COMPLIANCE,
+    Floats,
+    JointState,
+    Losses,
+    Response,
+    Rule,
+)
+from dolfinx_joints.laws.losses import GapChange, friction_gap_change, losses_on
+from dolfinx_joints.laws.points.compiled_law import EnergyConsistentContact
+from dolfinx_joints.laws.points.discrete_gradient import (
+    friction_over_step,
+    stored_by,
+    whole_step_from,
+)
+from dolfinx_joints.laws.points.return_mapping import (
+    SLIP,
+    STICK,
+    Answer,
+    Coulomb,
+    Start,
+    response_of,
+    solve_points,
+)
+from dolfinx_joints.laws.points.softening import (
+    Bond,
+    Softening,
+    broken_energy,
+    intact_share,
+    mean_opening,
+    mean_over,
+)
+
+# Load of points without a bond: no share of the stiffness is left.
+NO_BOND = 1e30
+
+# Columns of ``internal``: broken share, largest load R, bond slip s, energy of the broken bond.
+BROKEN_SHARE, LOAD, BOND_SLIP, FRACTURE = 0, 1, slice(2, 4), 4
+
+
+def _point(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
+    """Return the function of a point, from that of its friction; see `CompiledLaw`."""
+
+    @inline
+    def point(i: int, start: Start, answer: Answer) -> None:
+        p = start.parameters
+        bond = Bond(p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7])
+        k_n, k_s, first = p[0], p[1], start.history.shape[1] - 4
+        old, before, gap = start.history[i], start.gap[i], answer.gap[i]
+        end_n, s_1, s_2 = gap[0], old[first + 1], old[first + 2]
+        e_1, e_2 = s_1 + gap[1] - before[1], s_2 + gap[2] - before[2]
+        area_n, area_s = bond.opening * bond.opening, bond.slip * bond.slip
+        n_0, n_1 = max(before[0], 0.0) ** 2 / area_n, max(end_n, 0.0) ** 2 / area_n
+        q_0, q_1 = (s_1 * s_1 + s_2 * s_2) / area_s, (e_1 * e_1 + e_2 * e_2) / area_s
+        load, r_0, r_1 = max(old[first], 1.0), n_0 + q_0, n_1 + q_1
+        soft_n = Softening(bond.normal, bond.exponential > 0.0)
+        soft_s = Softening(bond.shear, bond.exponential > 0.0)
+        mean_n = mean_over(r_0, load, r_1, soft_n, whole)
+        mean_s = mean_over(r_0, load, r_1, soft_s, whole)
+        largest = max(load, r_1)
+        broken = 1.0 - intact_share(largest, soft_s)
+        law = Coulomb(1.0 / k_n, 1.0 / k_s, k_n / k_s, broken * bond.friction, True)
+        friction(i, (0.0, 0.0), law, start, answer)  # (9e)
+        traction, tangent, new = answer.traction[i], answer.tangent[i], answer.history[i]
+        opening, opening_slope = mean_opening(before[0], end_n, whole)
+        m_1, m_2 = (0.5 * (s_1 + e_1), 0.5 * (s_2 + e_2)) if whole else (e_1, e_2)
+        b = (k_n * opening, k_s * m_1, k_s * m_2)
+        # Friction at its limit grows with the broken share.
+        grows = 0.0 * k_n
+        if r_1 > load and broken > 0.0 and answer.status[i] == SLIP:
+            grows = -mean_over(r_0, load, r_1, soft_s, False).slope / broken
+        by_gap = (2.0 * max(end_n, 0.0) / area_n, 2.0 * e_1 / area_s, 2.0 * e_2 / area_s)
+        for j in range(3):
+            tangent[0, j] += b[0] * mean_n.slope * by_gap[j]
+            for a in range(1, 3):
+                slope = b[a] * mean_s.slope + grows * traction[a]
+                tangent[a, j] += slope * by_gap[j]
+        factor = 0.5 if whole else 1.0
+        tangent[0, 0] += k_n * opening_slope * mean_n.share
+        traction[0] += b[0] * mean_n.share
+        for a in range(1, 3):
+            tangent[a, a] += factor * k_s * mean_s.share
+            traction[a] += b[a] * mean_s.share
+        lost = 0.0 * k_n
+        if r_1 > load:
+            rest, change = load - r_0, r_1 - r_0
+            lost += 0.5 * k_n * area_n * broken_energy(n_0, n_1, rest, change, mean_n)
+            lost += 0.5 * k_s * area_s * broken_energy(q_0, q_1, rest, change, mean_s)
+        new[first], new[first + 1], new[first + 2] = largest, e_1, e_2
+        new[first + 3] = old[first + 3] + lost
+        answer.dissipation[i] += lost
+        if largest <= 1.0:
+            answer.status[i] = STICK
+
+    return point
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
+class CohesiveJoint(EnergyConsistentContact):
+    """Joint with a bond that softens in modes I and II, and friction on its broken part.
+
+    The bond has the stiffnesses k_n in tension and k_s in shear. It starts to soften where
+
+        (<t_n> / f_t)^2 + (|t_s| / c)^2 = 1,
+
+    and dissipates G_I in tension, G_II in shear, and in between G_I a + G_II (1 - a) with the share
+    a of mode I in this sum. It unloads to the origin. Pressure is carried without damage. Friction,
+    |t_s| <= d tan(alpha) k_n <-gap_n>, acts besides the bond and grows with the broken share d, so
+    that a broken joint equals `FrictionNoTension`. Points with an initial gap have no bond.
+
+    Internal variables: ``broken`` d (0 to 1), ``load`` R, ``bond_slip_1`` and ``bond_slip_2`` [m],
+    and ``fracture_energy``, the energy of the broken bond [J/m^2].
+
+    Attributes:
+        normal_stiffness: k_n.
+        shear_stiffness: k_s.
+        friction_angle_deg: alpha; give either this or `friction_coefficient`.
+        friction_coefficient: Mu = tan(alpha).
+        tensile_strength: f_t.
+        cohesion: c, shear strength of the bond without pressure.
+        fracture_energy: G_I, above the elastic energy f_t^2 / (2 k_n).
+        shear_fracture_energy: G_II, above the elastic energy c^2 / (2 k_s).
+        softening: ``"exponential"`` or ``"linear"``.
+
+    Raises:
+        ValueError: A fracture energy is not above the elastic energy.
+
+    Example:
+        >>> import numpy as np
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.laws.law import JointState
+        >>> law = dj.CohesiveJoint(
+        ...     normal_stiffness=1e12, shear_stiffness=4e11, friction_angle_deg=45.0,
+        ...     tensile_strength=2e6, cohesion=3e6, fracture_energy=100.0,
+        ...     shear_fracture_energy=1000.0, softening="linear",
+        ... )
+        >>> gap = np.array([[1e-6, 0.0, 0.0], [51e-6, 0.0, 0.0], [200e-6, 0.0, 0.0]])  # [m]
+        >>> state = law.at_rest(np.zeros((3, 3)))
+        >>> law.backward_euler(gap, state).traction[:, 0].round()  # intact, half, broken [Pa]
+        array([1000000., 1000000.,       0.])
+    """
+
+    points: ClassVar[Mapping[str, Any]] = {
+        BACKWARD_EULER.name: _point(friction_at_end, False),
+        DISCRETE_GRADIENT.name: _point(friction_over_step, True),
+    }
+    internal_variables: ClassVar[tuple[str, ...]] = (
+        "broken",
+        "load",
+        "bond_slip_1",
+        "bond_slip_2",
+        "fracture_energy",
+    )
+
+    normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
+    shear_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
+    friction_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")] | None = None
+    friction_coefficient: Annotated[float, at.Ge(0)] | None = None
+    tensile_strength: Annotated[float, at.Gt(0), at.Unit("Pa")]
+    cohesion: Annotated[float, at.Gt(0), at.Unit("Pa")]
+    fracture_energy: Annotated[float, at.Gt(0), at.Unit("J/m^2")]
+    shear_fracture_energy: Annotated[float, at.Gt(0), at.Unit("J/m^2")]
+    softening: Literal["exponential", "linear"] = "exponential"
+
+    def __post_init__(self) -> None:
+        """Set friction angle and coefficient; compare fracture with elastic energies."""
+        set_friction(self)
+        for name, strength, stiffness in (
+            ("fracture_energy", "tensile_strength", self.normal_stiffness),
+            ("shear_fracture_energy", "cohesion", self.shear_stiffness),
+        ):
+            given, least = getattr(self, name), 0.5 * getattr(self, strength) ** 2 / stiffness
+            if given <= least:
+                raise ValueError(
+                    f"CohesiveJoint: {name} is {given:g} J/m^2; it must be above the elastic energy "
+                    f"at the strength, {strength}^2 / (2 stiffness) = {least:g} J/m^2."
+                )
+
+    @property
+    def curves(self) -> tuple[Softening, Softening]:
+        """Softening in modes I and II."""
+        row, exponential = self._bond, self.softening == "exponential"
+        return Softening(row.normal, exponential), Softening(row.shear, exponential)
+
+    @property
+    def steepest_softening(self) -> tuple[float, float]:
+        """Largest decrease of the traction with the gap in modes I and II, (9g) [Pa/m]."""
+        row, factor = self._bond, 2.0 if self.softening == "exponential" else 1.0
+        return (
+            factor * row.normal_stiffness / (row.normal - 1.0),
+            factor * row.shear_stiffness / (row.shear - 1.0),
+        )
+
+    @property
+    def _bond(self) -> Bond:
+        k_n, k_s, f_t, c = (
+            self.normal_stiffness,
+            self.shear_stiffness,
+            self.tensile_strength,
+            self.cohesion,
+        )
+        ductility = (
+            2.0 * self.fracture_energy * k_n / f_t**2,
+            2.0 * self.shear_fracture_energy * k_s / c**2,
+        )
+        exponential = float(self.softening == "exponential")
+        return Bond(k_n, k_s, coefficient_of(self), f_t / k_n, c / k_s, *ductility, exponential)
+
+    def initial_variables(self, gap: Floats) -> Floats:
+        """Return the values at rest, shape (n, 5); points without contact have no bond."""
+        values = np.zeros((len(gap), 5))
+        unbonded = gap[:, 0] > 0.0
+        values[:, LOAD] = np.where(unbonded, NO_BOND, 1.0)
+        values[unbonded, BROKEN_SHARE] = 1.0
+        return values
+
+    def at_rest(self, gap: Floats) -> JointState:
+        """Return the state at rest at a gap of shape (n, 3), [m]."""
+        return replace(JointState.at_rest(gap), internal=self.initial_variables(gap))
+
+    def stored_energy(self, state: JointState) -> Floats:
+        """Return the elastic energy (9c) of bond, contact and friction, shape (n,), [J/m^2]."""
+        normal, shear = (intact_share(state.internal[:, LOAD], curve) for curve in self.curves)
+        opening, slip = np.maximum(state.gap[:, 0], 0.0), state.internal[:, BOND_SLIP]
+        bond = 0.5 * self.normal_stiffness * normal * opening**2
+        bond += 0.5 * self.shear_stiffness * shear * (slip**2).sum(axis=1)
+        return bond + super().stored_energy(self._friction_state(state))
+
+    def _friction_state(self, state: JointState) -> JointState:
+        """Return the state with the elastic slip of friction alone."""
+        share = intact_share(state.internal[:, LOAD], self.curves[1])
+        bond = share[:, None] * state.internal[:, BOND_SLIP]
+        return replace(state, elastic_slip=state.elastic_slip - bond)
+
+    def loop_start(self, rule: Rule, state: JointState) -> Start:
+        """Return the history of friction, load, slip and energy of the bond, and parameters."""
+        friction, bond = self._friction_state(state), self._bond
+        history = friction.elastic_slip
+        if rule.name == DISCRETE_GRADIENT.name:
+            stored = stored_by(friction, bond.normal_stiffness, bond.shear_stiffness)
+            history = whole_step_from(friction, stored, Coulomb(0.0, 0.0, 0.0, 0.0)).history
+        history = np.column_stack([history, state.internal[:, LOAD:]])
+        return Start(state.gap, history, np.array(bond))
+
+    def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
+        """Return the response; the elastic slip of the state is the shear traction over k_s."""
+        history, slips = answer.history, {}
+        slip = history[:, :2]
+        if rule.name == DISCRETE_GRADIENT.name:
+            slip = history[:, 1:3] / np.sqrt(self.shear_stiffness)
+            slips = {"slips": history[:, 3:8]}
+        share = intact_share(history[:, -4], self.curves[1])
+        internal = np.column_stack([1.0 - share, history[:, -4:]])
+        slip = slip + share[:, None] * history[:, -3:-1]
+        return response_of(answer, elastic_slip=slip, internal=internal, **slips)
+
+    def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
+        """Return the losses of a backward Euler step; see `LawWithLosses`.
+
+        The work of contact and bond over the step is exact; (30) applies to the remaining traction.
+        """
+        start = self.loop_start(DISCRETE_GRADIENT, before)
+        start.history[:, 1:8], start.parameters[2] = 0.0, 0.0  # no friction
+        bond = solve_points(
+            self.loop(DISCRETE_GRADIENT), answer.state.gap, NO_COMPLIANCE, start
+        )
+        first, last = self._friction_state(before), self._friction_state(answer.state)
+        change = friction_gap_change(first, last)
+        change.elastic[:, 0] = 0.0
+        change.flight[:, 0] = answer.state.gap[:, 0] - before.gap[:, 0]
+        mean = np.zeros_like(traction)
+        mean[:, 1:] = 0.5 * self.shear_stiffness * (first.elastic_slip + last.elastic_slip)
+        return losses_on(
+            GapChange(*change), traction - bond.traction, mean, answer.dissipation
+        )

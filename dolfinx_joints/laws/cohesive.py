@@ -38,6 +38,7 @@ from dolfinx_joints.laws.points.return_mapping import (
     Answer,
     Coulomb,
     Start,
+    put_zeros,
     response_of,
     solve_points,
 )
@@ -48,13 +49,14 @@ from dolfinx_joints.laws.points.softening import (
     intact_share,
     mean_opening,
     mean_over,
+    unchanged,
 )
 
 # Load of points without a bond: no share of the stiffness is left.
 NO_BOND = 1e30
 
-# Columns of ``internal``: broken share, largest load R, bond slip s, energy of the broken bond.
-BROKEN_SHARE, LOAD, BOND_SLIP, FRACTURE = 0, 1, slice(2, 4), 4
+# Columns of ``internal``: broken share, largest load R, bond slip s. Then the fracture energy.
+BROKEN_SHARE, LOAD, BOND_SLIP = 0, 1, slice(2, 4)
 
 
 def _point(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
@@ -64,52 +66,62 @@ def _point(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
     def point(i: int, start: Start, answer: Answer) -> None:
         p = start.parameters
         bond = Bond(p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7])
-        k_n, k_s, first = p[0], p[1], start.history.shape[1] - 4
-        old, before, gap = start.history[i], start.gap[i], answer.gap[i]
-        end_n, s_1, s_2 = gap[0], old[first + 1], old[first + 2]
-        e_1, e_2 = s_1 + gap[1] - before[1], s_2 + gap[2] - before[2]
+        k_n, k_s, first = p[0], p[1], start.history.shape[1] - 6
+        old, before, gap = start.history[i, first:], start.gap[i, 0], answer.gap[i]
+        s_1, s_2, end = old[1], old[2], gap[0]
+        e_1, e_2 = s_1 + gap[1] - start.gap[i, 1], s_2 + gap[2] - start.gap[i, 2]
         area_n, area_s = bond.opening * bond.opening, bond.slip * bond.slip
-        n_0, n_1 = max(before[0], 0.0) ** 2 / area_n, max(end_n, 0.0) ** 2 / area_n
+        n_0, n_1 = max(before, 0.0) ** 2 / area_n, max(end, 0.0) ** 2 / area_n
         q_0, q_1 = (s_1 * s_1 + s_2 * s_2) / area_s, (e_1 * e_1 + e_2 * e_2) / area_s
-        load, r_0, r_1 = max(old[first], 1.0), n_0 + q_0, n_1 + q_1
-        soft_n = Softening(bond.normal, bond.exponential > 0.0)
-        soft_s = Softening(bond.shear, bond.exponential > 0.0)
-        mean_n = mean_over(r_0, load, r_1, soft_n, whole)
-        mean_s = mean_over(r_0, load, r_1, soft_s, whole)
-        largest = max(load, r_1)
-        broken = 1.0 - intact_share(largest, soft_s)
-        law = Coulomb(1.0 / k_n, 1.0 / k_s, k_n / k_s, broken * bond.friction, True)
-        friction(i, (0.0, 0.0), law, start, answer)  # (9e)
-        traction, tangent, new = answer.traction[i], answer.tangent[i], answer.history[i]
-        opening, opening_slope = mean_opening(before[0], end_n, whole)
-        m_1, m_2 = (0.5 * (s_1 + e_1), 0.5 * (s_2 + e_2)) if whole else (e_1, e_2)
-        b = (k_n * opening, k_s * m_1, k_s * m_2)
-        # Friction at its limit grows with the broken share.
-        grows = 0.0 * k_n
-        if r_1 > load and broken > 0.0 and answer.status[i] == SLIP:
-            grows = -mean_over(r_0, load, r_1, soft_s, False).slope / broken
-        by_gap = (2.0 * max(end_n, 0.0) / area_n, 2.0 * e_1 / area_s, 2.0 * e_2 / area_s)
-        for j in range(3):
-            tangent[0, j] += b[0] * mean_n.slope * by_gap[j]
-            for a in range(1, 3):
-                slope = b[a] * mean_s.slope + grows * traction[a]
-                tangent[a, j] += slope * by_gap[j]
-        factor = 0.5 if whole else 1.0
-        tangent[0, 0] += k_n * opening_slope * mean_n.share
-        traction[0] += b[0] * mean_n.share
-        for a in range(1, 3):
-            tangent[a, a] += factor * k_s * mean_s.share
-            traction[a] += b[a] * mean_s.share
-        lost = 0.0 * k_n
-        if r_1 > load:
-            rest, change = load - r_0, r_1 - r_0
+        load, r_1 = old[0], n_1 + q_1
+        grows, lost = r_1 > load, 0.0 * k_n
+        mean_n, mean_s = unchanged(old[4]), unchanged(old[5])
+        if grows:
+            r_0 = min(n_0 + q_0, load)  # rounding error may exceed the largest load
+            normal = Softening(bond.normal, bond.exponential > 0.0)
+            shear = Softening(bond.shear, bond.exponential > 0.0)
+            mean_n = mean_over((r_0, load, r_1), old[4], normal, whole)
+            mean_s = mean_over((r_0, load, r_1), old[5], shear, whole)
+            rest, change, load = load - r_0, r_1 - r_0, r_1
             lost += 0.5 * k_n * area_n * broken_energy(n_0, n_1, rest, change, mean_n)
             lost += 0.5 * k_s * area_s * broken_energy(q_0, q_1, rest, change, mean_s)
-        new[first], new[first + 1], new[first + 2] = largest, e_1, e_2
-        new[first + 3] = old[first + 3] + lost
-        answer.dissipation[i] += lost
-        if largest <= 1.0:
+        broken = 1.0 - mean_s.end
+        traction, tangent, new = answer.traction[i], answer.tangent[i], answer.history[i, first:]
+        friction_growth = 0.0 * k_n
+        if broken > 0.0:  # (9e)
+            law = Coulomb(1.0 / k_n, 1.0 / k_s, k_n / k_s, broken * bond.friction, True)
+            friction(i, (0.0, 0.0), law, start, answer)
+            if answer.status[i] == SLIP:
+                friction_growth = -mean_s.end_slope / broken
+        else:
+            put_zeros(i, answer)
+            overlap, tangent[0, 0] = mean_opening(-before, -end, whole)
+            traction[0], tangent[0, 0] = -k_n * overlap, k_n * tangent[0, 0]
             answer.status[i] = STICK
+        opening, opening_slope = mean_opening(before, end, whole)
+        half = 0.5 if whole else 1.0
+        b_1, b_2 = k_s * (half * e_1), k_s * (half * e_2)
+        if whole:
+            b_1, b_2 = b_1 + k_s * (half * s_1), b_2 + k_s * (half * s_2)
+        if grows:
+            by_gap = (2.0 * max(end, 0.0) / area_n, 2.0 * e_1 / area_s, 2.0 * e_2 / area_s)
+            by_load = (
+                k_n * opening * mean_n.slope,
+                b_1 * mean_s.slope + friction_growth * traction[1],
+                b_2 * mean_s.slope + friction_growth * traction[2],
+            )
+            for a in range(3):
+                for j in range(3):
+                    tangent[a, j] += by_load[a] * by_gap[j]
+        traction[0] += k_n * opening * mean_n.share
+        traction[1] += b_1 * mean_s.share
+        traction[2] += b_2 * mean_s.share
+        tangent[0, 0] += k_n * opening_slope * mean_n.share
+        tangent[1, 1] += half * k_s * mean_s.share
+        tangent[2, 2] += half * k_s * mean_s.share
+        new[0], new[1], new[2], new[3] = load, e_1, e_2, old[3] + lost
+        new[4], new[5] = mean_n.end, mean_s.end
+        answer.dissipation[i] += lost
 
     return point
 
@@ -259,7 +271,8 @@ class CohesiveJoint(EnergyConsistentContact):
         if rule.name == DISCRETE_GRADIENT.name:
             stored = stored_by(friction, bond.normal_stiffness, bond.shear_stiffness)
             history = whole_step_from(friction, stored, Coulomb(0.0, 0.0, 0.0, 0.0)).history
-        history = np.column_stack([history, state.internal[:, LOAD:]])
+        shares = [intact_share(state.internal[:, LOAD], curve) for curve in self.curves]
+        history = np.column_stack([history, state.internal[:, LOAD:], *shares])
         return Start(state.gap, history, np.array(bond))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
@@ -269,9 +282,8 @@ class CohesiveJoint(EnergyConsistentContact):
         if rule.name == DISCRETE_GRADIENT.name:
             slip = history[:, 1:3] / np.sqrt(self.shear_stiffness)
             slips = {"slips": history[:, 3:8]}
-        share = intact_share(history[:, -4], self.curves[1])
-        internal = np.column_stack([1.0 - share, history[:, -4:]])
-        slip = slip + share[:, None] * history[:, -3:-1]
+        internal = np.column_stack([1.0 - history[:, -1], history[:, -6:-2]])
+        slip = slip + history[:, -1:] * history[:, -5:-3]
         return response_of(answer, elastic_slip=slip, internal=internal, **slips)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:

@@ -35,19 +35,30 @@ class Softening(NamedTuple):
 
 
 class Mean(NamedTuple):
-    """Mean of the share f over a step, or its value at the end of the step.
+    """Share f of the stiffness in a step.
 
     Attributes:
-        share: The mean or the value, as it multiplies the stiffness.
+        share: Mean over the step, or value at its end.
         slope: Derivative of ``share`` by r at the end.
-        lost: Increase of 1 - f in the step.
+        end: Value at the end of the step.
+        end_slope: Derivative of ``end`` by r at the end.
+        lost: Decrease of f in the step.
         moment: Integral of R - r over d f, from the largest load R at the start.
     """
 
     share: float
     slope: float
+    end: float
+    end_slope: float
     lost: float
     moment: float
+
+
+@inline
+def unchanged(share: float) -> Mean:
+    """Return the share of a step in which the bond does not soften."""
+    zero = 0.0 * share
+    return Mean(share, zero, share, zero, zero, zero)
 
 
 @inline
@@ -87,29 +98,26 @@ def _mean_share(start: float, end: float, curve: Softening) -> float:
 
 
 @inline
-def mean_over(begin: float, largest: float, end: float, curve: Softening, whole: bool) -> Mean:
-    """Return the share of a step.
+def mean_over(
+    loads: tuple[float, float, float], before: float, curve: Softening, whole: bool
+) -> Mean:
+    """Return the share of a step in which the bond softens.
 
     Args:
-        begin: r at the start of the step.
-        largest: R at the start of the step.
-        end: r at the end of the step.
+        loads: r at the start, R at the start, and r at the end, which is the largest.
+        before: f(R) at the start.
         curve: Softening of the mode.
         whole: True for the mean over the step, False for the value at its end.
     """
-    before = intact_share(largest, curve)
-    if end <= largest:
-        return Mean(before, 0.0 * before, 0.0 * before, 0.0 * before)
+    begin, largest, end = loads
     after, mean, length = intact_share(end, curve), _mean_share(largest, end, curve), end - largest
-    lost, moment = before - after, (mean - after) * length
+    end_slope, lost, moment = _slope(end, curve), before - after, (mean - after) * length
     if not whole:
-        return Mean(after, _slope(end, curve), lost, moment)
+        return Mean(after, end_slope, after, end_slope, lost, moment)
     change = end - begin
     share = before * ((largest - begin) / change) + mean * (length / change)
-    slope = (after - share) / change
-    if change < SHORT_CHANGE * end:
-        slope = 0.5 * _slope(end, curve)
-    return Mean(share, slope, lost, moment)
+    slope = 0.5 * end_slope if change < SHORT_CHANGE * end else (after - share) / change
+    return Mean(share, slope, after, end_slope, lost, moment)
 
 
 class Bond(NamedTuple):

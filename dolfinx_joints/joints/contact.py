@@ -294,6 +294,13 @@ class Contact:
             stiffness[part.points] = part.law.closed_stiffness()
         return stiffness
 
+    def steepest_softening(self) -> Floats:
+        """Return the largest softening of each point in tension and shear, shape (n, 2), [Pa/m]."""
+        softening = np.zeros((len(self.operator.areas), 2))
+        for part in self._laws:
+            softening[part.points] = part.softening
+        return softening
+
     @property
     def rigid(self) -> bool:
         """True, on all ranks, if a law has infinite stiffness."""

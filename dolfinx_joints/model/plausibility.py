@@ -14,6 +14,7 @@ import numpy as np
 
 from dolfinx_joints.common.errors import doubt
 from dolfinx_joints.common.parameters import numbers_of
+from dolfinx_joints.materials.bulk_law import elastic_part
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 
@@ -55,6 +56,9 @@ RANGES = {
 }
 GROUT_PRESSURE = Range(1e3, 5e5, 3e7, "Pa", {"MPa": 1e6, "bar": 1e5, "kPa": 1e3})
 KELVIN = 273.15
+# Length of the process zone divided by E G / f^2 (Rice 1980), and the least number of cells in it
+# (Turon et al. 2007).
+ZONE_LENGTH, CELLS_PER_ZONE = 9.0 * np.pi / 32.0, 3.0
 EXTENT = Range(0.01, 100.0, 2e4, "m", {"mm": 1e-3, "cm": 1e-2})
 
 
@@ -69,6 +73,7 @@ def warn_of_implausible_values(
     x, comm = jointed.mesh.geometry.x, jointed.mesh.comm
     feet = {id(load): _lowest_height(jointed, load) for load in loads}
     kelvin = [text for load in loads for text in _in_kelvin(comm, load)]
+    zones = _process_zones(jointed, materials, laws)
     boxes = comm.gather((x.min(axis=0), x.max(axis=0)) if len(x) else None, root=0)
     if boxes is None:
         return []
@@ -88,7 +93,7 @@ def warn_of_implausible_values(
             )
         ends = float(lowest[up]), float(highest[up])
         texts += _level(owner, given, *ends, feet.get(id(given), -np.inf))
-    texts += _water_twice(loads) + kelvin
+    texts += _water_twice(loads) + kelvin + zones
     doubt(comm, *texts)
     return texts
 
@@ -114,6 +119,43 @@ def _parameters(given: Any) -> Iterator[tuple[str, Any]]:
         value = getattr(given, parameter.name, None)
         yield parameter.name, value
         yield from _parameters(value)
+
+
+def _process_zones(
+    jointed: JointedMesh, materials: Mapping[str, Any], laws: Any
+) -> list[str]:
+    """Return a warning for each joint whose cells do not resolve its process zone (collective)."""
+    texts, topology, comm = [], jointed.mesh.topology, jointed.mesh.comm
+    cells = topology.connectivity(topology.dim - 1, topology.dim)
+    for joint in jointed.joint_names:
+        law = laws.get(joint) if isinstance(laws, Mapping) else laws
+        law = getattr(law, "law", law)
+        if not hasattr(law, "shear_fracture_energy"):
+            continue
+        behind = [cells.array[cells.offsets[jointed.facets(joint + side)]] for side in "-+"]
+        young = [
+            np.min(elastic_part(material).young)
+            for group, material in materials.items()
+            if not group or np.isin(np.concatenate(behind), jointed.cells(group)).any()
+        ]
+        corners = jointed.corners(f"{joint}-")
+        sides = np.linalg.norm(corners - corners[:, :1], axis=2).max(axis=1)
+        total, number = comm.allreduce(np.array([sides.sum(), len(sides)]))
+        size, modulus = total / number, comm.allreduce(float(np.min(young, initial=np.inf)), MPI.MIN)
+        modes = ("tension", law.fracture_energy, law.tensile_strength), (
+            "shear",
+            law.shear_fracture_energy,
+            law.cohesion,
+        )
+        for mode, energy, strength in modes:
+            zone = ZONE_LENGTH * modulus * energy / strength**2
+            if size * CELLS_PER_ZONE > zone:
+                texts.append(
+                    f"Joint {joint!r}: the fracture process zone in {mode} is {zone:.3g} m long, "
+                    f"and the mean facet {size:.3g} m; use facets of at most "
+                    f"{zone / CELLS_PER_ZONE:.3g} m, or a larger fracture energy."
+                )
+    return texts
 
 
 def _water_twice(loads: Sequence[Any]) -> list[str]:

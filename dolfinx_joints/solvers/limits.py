@@ -90,6 +90,14 @@ ON_LINE = 1e-3
 # supports, c sigma = 1 and 1 / (1 - c sigma) is infinite; a smaller c gives the same solution.
 SPRING_COMPLIANCE = 0.9
 
+# Largest product of the compliance at which a point is solved and the softening of its bond. Below 1
+# the response of the point is unique.
+SOFTENING_COMPLIANCE = 0.9
+
+# Largest product of the compliance of the cells at a joint point and the softening of its bond in
+# statics, with the other nodes fixed. From 1 on the equilibrium of the point is not unique.
+STEEPEST_SOFTENING = 1.0
+
 # Share of the artificial springs kept in the Newton matrix. Without this share the matrix is
 # singular if a block is open or frictionless. The equilibrium does not depend on the share.
 SPRING_REGULARISATION = 1e-6

@@ -33,7 +33,6 @@ from dolfinx_joints.laws.points.discrete_gradient import (
     whole_step_from,
 )
 from dolfinx_joints.laws.points.return_mapping import (
-    SLIP,
     STICK,
     Answer,
     Coulomb,
@@ -54,6 +53,9 @@ from dolfinx_joints.laws.points.softening import (
 
 # Load of points without a bond: no share of the stiffness is left.
 NO_BOND = 1e30
+
+# Friction above this part of its limit grows with the broken share.
+AT_LIMIT = 1.0 - 1e-9
 
 # Columns of ``internal``: broken share, largest load R, bond slip s. Then the fracture energy.
 BROKEN_SHARE, LOAD, BOND_SLIP = 0, 1, slice(2, 4)
@@ -91,7 +93,8 @@ def _point(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
         if broken > 0.0:  # (9e)
             law = Coulomb(1.0 / k_n, 1.0 / k_s, k_n / k_s, broken * bond.friction, True)
             friction(i, (0.0, 0.0), law, start, answer)
-            if answer.status[i] == SLIP:
+            size = np.sqrt(traction[1] * traction[1] + traction[2] * traction[2])
+            if size > AT_LIMIT * -law.friction * traction[0]:
                 friction_growth = -mean_s.end_slope / broken
         else:
             put_zeros(i, answer)

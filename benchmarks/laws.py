@@ -29,7 +29,10 @@ def laws(scene: Scene) -> Mapping[str, Law]:
         "FrictionNoTension": friction,
         "bonds": dj.MohrCoulombJoint(**sliding, cohesion=5e5, tensile_strength=2e5),
         "CohesiveJoint": dj.CohesiveJoint(
-            **sliding, cohesion=5e5, tensile_strength=2e5, fracture_energy=100.0,
+            **sliding,
+            cohesion=5e5,
+            tensile_strength=2e5,
+            fracture_energy=100.0,
             shear_fracture_energy=500.0,
         ),
         "dilatancy": dj.MohrCoulombJoint(**sliding, dilatancy_angle_deg=5.0),

@@ -84,9 +84,9 @@ def _point(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
             shear = Softening(bond.shear, bond.exponential > 0.0)
             mean_n = mean_over((r_0, load, r_1), old[4], normal, whole)
             mean_s = mean_over((r_0, load, r_1), old[5], shear, whole)
-            rest, change, load = load - r_0, r_1 - r_0, r_1
-            lost += 0.5 * k_n * area_n * broken_energy(n_0, n_1, rest, change, mean_n)
-            lost += 0.5 * k_s * area_s * broken_energy(q_0, q_1, rest, change, mean_s)
+            elastic, change, load = load - r_0, r_1 - r_0, r_1
+            lost += 0.5 * k_n * area_n * broken_energy(n_0, n_1, elastic, change, mean_n)
+            lost += 0.5 * k_s * area_s * broken_energy(q_0, q_1, elastic, change, mean_s)
         broken = 1.0 - mean_s.end
         traction, tangent, new = answer.traction[i], answer.tangent[i], answer.history[i, first:]
         friction_growth = 0.0 * k_n
@@ -140,7 +140,7 @@ class CohesiveJoint(EnergyConsistentContact):
 
     and dissipates G_I in tension, G_II in shear, and in between G_I a + G_II (1 - a) with the share
     a of mode I in this sum. It unloads to the origin. Pressure is carried without damage. Friction,
-    |t_s| <= d tan(alpha) k_n <-gap_n>, acts besides the bond and grows with the broken share d, so
+    |t_s| <= d tan(alpha) k_n <-gap_n>, is added to the bond and grows with the broken share d, so
     that a broken joint equals `FrictionNoTension`. Points with an initial gap have no bond.
 
     Internal variables: ``broken`` d (0 to 1), ``load`` R, ``bond_slip_1`` and ``bond_slip_2`` [m],
@@ -207,8 +207,8 @@ class CohesiveJoint(EnergyConsistentContact):
             given, least = getattr(self, name), 0.5 * getattr(self, strength) ** 2 / stiffness
             if given <= least:
                 raise ValueError(
-                    f"CohesiveJoint: {name} is {given:g} J/m^2; it must be above the elastic energy "
-                    f"at the strength, {strength}^2 / (2 stiffness) = {least:g} J/m^2."
+                    f"CohesiveJoint: {name} is {given:g} J/m^2; it must be above the elastic "
+                    f"energy at the strength, {strength}^2 / (2 stiffness) = {least:g} J/m^2."
                 )
 
     @property
@@ -296,15 +296,11 @@ class CohesiveJoint(EnergyConsistentContact):
         """
         start = self.loop_start(DISCRETE_GRADIENT, before)
         start.history[:, 1:8], start.parameters[2] = 0.0, 0.0  # no friction
-        bond = solve_points(
-            self.loop(DISCRETE_GRADIENT), answer.state.gap, NO_COMPLIANCE, start
-        )
+        bond = solve_points(self.loop(DISCRETE_GRADIENT), answer.state.gap, NO_COMPLIANCE, start)
         first, last = self._friction_state(before), self._friction_state(answer.state)
         change = friction_gap_change(first, last)
         change.elastic[:, 0] = 0.0
         change.flight[:, 0] = answer.state.gap[:, 0] - before.gap[:, 0]
         mean = np.zeros_like(traction)
         mean[:, 1:] = 0.5 * self.shear_stiffness * (first.elastic_slip + last.elastic_slip)
-        return losses_on(
-            GapChange(*change), traction - bond.traction, mean, answer.dissipation
-        )
+        return losses_on(GapChange(*change), traction - bond.traction, mean, answer.dissipation)

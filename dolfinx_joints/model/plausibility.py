@@ -36,6 +36,7 @@ class Range:
 _MODULUS = Range(1e6, 25e9, 1e17, "Pa", {"GPa": 1e9, "MPa": 1e6})
 _STIFFNESS = Range(1e6, 1e11, 1e20, "Pa/m", {"GPa/m": 1e9, "MPa/m": 1e6})
 _STRENGTH = Range(1e2, 1e6, 1e9, "Pa", {"MPa": 1e6, "kPa": 1e3})
+_FRACTURE = Range(0.1, 200.0, 1e5, "J/m^2", {"N/mm": 1e3})
 _WEIGHTS = {"kN/m^3": 1e3 / 9.81, "N/m^3": 1.0 / 9.81}
 
 # Ranges by parameter name, which is the same in all materials, laws and loads.
@@ -48,6 +49,8 @@ RANGES = {
     "cohesion": _STRENGTH,
     "tooth_cohesion": _STRENGTH,
     "tensile_strength": _STRENGTH,
+    "fracture_energy": _FRACTURE,
+    "shear_fracture_energy": _FRACTURE,
     "friction_angle_deg": Range(2.0, 35.0, 90.0, "degrees", {"radians": 180.0 / np.pi}),
     "friction_coefficient": Range(0.0, 0.7, 10.0, "", {"degrees": np.pi / 180.0}),
     "expansion": Range(1e-7, 1e-5, 1e-4, "1/K", {"1e-6/K": 1e-6}),
@@ -121,14 +124,12 @@ def _parameters(given: Any) -> Iterator[tuple[str, Any]]:
         yield from _parameters(value)
 
 
-def _process_zones(
-    jointed: JointedMesh, materials: Mapping[str, Any], laws: Any
-) -> list[str]:
+def _process_zones(jointed: JointedMesh, materials: Mapping[str, Any], laws: Any) -> list[str]:
     """Return a warning for each joint whose cells do not resolve its process zone (collective)."""
     texts, topology, comm = [], jointed.mesh.topology, jointed.mesh.comm
     cells = topology.connectivity(topology.dim - 1, topology.dim)
     for joint in jointed.joint_names:
-        law = laws.get(joint) if isinstance(laws, Mapping) else laws
+        law: Any = laws.get(joint) if isinstance(laws, Mapping) else laws
         law = getattr(law, "law", law)
         if not hasattr(law, "shear_fracture_energy"):
             continue
@@ -141,13 +142,13 @@ def _process_zones(
         corners = jointed.corners(f"{joint}-")
         sides = np.linalg.norm(corners - corners[:, :1], axis=2).max(axis=1)
         total, number = comm.allreduce(np.array([sides.sum(), len(sides)]))
-        size, modulus = total / number, comm.allreduce(float(np.min(young, initial=np.inf)), MPI.MIN)
-        modes = ("tension", law.fracture_energy, law.tensile_strength), (
-            "shear",
-            law.shear_fracture_energy,
-            law.cohesion,
-        )
-        for mode, energy, strength in modes:
+        size = total / number
+        modulus = comm.allreduce(float(np.min(young, initial=np.inf)), MPI.MIN)
+        tension = "tension", law.fracture_energy, law.tensile_strength
+        for mode, energy, strength in (
+            tension,
+            ("shear", law.shear_fracture_energy, law.cohesion),
+        ):
             zone = ZONE_LENGTH * modulus * energy / strength**2
             if size * CELLS_PER_ZONE > zone:
                 texts.append(

@@ -90,8 +90,8 @@ ON_LINE = 1e-3
 # supports, c sigma = 1 and 1 / (1 - c sigma) is infinite; a smaller c gives the same solution.
 SPRING_COMPLIANCE = 0.9
 
-# Largest product of the compliance at which a point is solved and the softening of its bond. Below 1
-# the response of the point is unique.
+# Largest product of the compliance at which a point is solved and the softening of its bond. The
+# response of the point is unique below 1.
 SOFTENING_COMPLIANCE = 0.9
 
 # Largest product of the compliance of the cells at a joint point and the softening of its bond in

@@ -67,7 +67,7 @@ def test_area_under_the_curve_is_the_fracture_energy(share):
 @pytest.mark.parametrize("share", [1.0, 0.0, 0.5])
 @pytest.mark.parametrize("steps", [1, 7, 300])
 def test_broken_energy_is_exact_for_any_number_of_steps(softening, share, steps):
-    """On a straight path from rest both rules dissipate G_I a + G_II (1 - a), whatever the steps."""
+    """On a straight path both rules dissipate G_I a + G_II (1 - a), whatever the steps."""
     law = cohesive(softening)
     end = 5e-3 * np.array([np.sqrt(share) * F_T / K_N, np.sqrt(1 - share) * C / K_S, 0.0]) / 1e-6
     gaps = np.arange(1, steps + 1)[:, None] / steps * end
@@ -169,8 +169,8 @@ def test_losses_of_backward_euler_are_complete(softening):
         work = (traction * (answer.state.gap - state.gap)).sum(axis=1)
         stored = law.stored_energy(answer.state), law.stored_energy(state)
         size = np.abs(work) + stored[0] + stored[1] + np.abs(answer.dissipation)
-        found = stored[0] - stored[1] + lost.friction + lost.numerical
-        assert (np.abs(found - work) <= 1e-13 * size).all()
+        result = stored[0] - stored[1] + lost.friction + lost.numerical
+        assert (np.abs(result - work) <= 1e-13 * size).all()
 
 
 def piece_of(law, answer, state):
@@ -240,10 +240,10 @@ def test_bonds_that_break_at_once_are_the_limit():
     for unit, strain in ((np.eye(3)[0], F_T / K_N), (np.eye(3)[1], C / K_S)):
         for size in (0.5, 0.999, 1.001, 3.0):
             gap = size * strain * unit[None]
-            found = law.backward_euler(gap, law.at_rest(np.zeros((1, 3)))).traction
+            result = law.backward_euler(gap, law.at_rest(np.zeros((1, 3)))).traction
             state = JointState.at_rest(np.zeros((1, 3)), variables=2)
             np.testing.assert_allclose(
-                found, brittle.backward_euler(gap, state).traction, rtol=0, atol=1e-3
+                result, brittle.backward_euler(gap, state).traction, rtol=0, atol=1e-3
             )
 
 

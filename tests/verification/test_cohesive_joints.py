@@ -90,7 +90,7 @@ def test_double_cantilever_beam():
     )
     monitor, times = Rows(), np.array([0.4, 0.65, 0.75, 0.8, 0.9, 1.0])
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the opening at the ends is large beside the cells
+        warnings.simplefilter("ignore")  # the opening at the ends is large for the cells
         dj.Simulation(model, monitors=[monitor]).quasi_statics(times)
     inertia = height**3 / 12.0
     grown = []
@@ -164,10 +164,10 @@ def test_ranks_do_not_matter(comm):
     (one, first), (two, second) = shake(spread, rocking), shake(alone, rocking)
     assert one.rows[-1].fracture == pytest.approx(two.rows[-1].fracture, rel=1e-7)
     assert max(abs(row.imbalance) for row in one.rows) <= 1e-10 * one.rows[0].stored
-    found = spread.operator.gather(first.state.joints.state.internal[:, 1])
+    loads = spread.operator.gather(first.state.joints.state.internal[:, 1])
     if comm.rank == 0:
         expected = alone.operator.gather(second.state.joints.state.internal[:, 1])
-        np.testing.assert_allclose(np.sort(found), np.sort(expected), rtol=1e-6)
+        np.testing.assert_allclose(np.sort(loads), np.sort(expected), rtol=1e-6)
 
 
 def test_softening_too_steep_for_the_cells_is_refused():

@@ -65,36 +65,36 @@ def unchanged(share: float) -> Mean:
 def intact_share(load: Any, curve: Softening) -> Any:
     """Return the share f of the stiffness at a largest load R, (9d); a number or an array."""
     x = np.sqrt(np.maximum(load, 1.0))
-    more = curve.ductility - 1.0
+    excess = curve.ductility - 1.0
     if curve.exponential:
-        return np.exp(-2.0 * (x - 1.0) / more) / x
-    return np.maximum((curve.ductility / x - 1.0) / more, 0.0)
+        return np.exp(-2.0 * (x - 1.0) / excess) / x
+    return np.maximum((curve.ductility / x - 1.0) / excess, 0.0)
 
 
 @inline
 def _slope(load: float, curve: Softening) -> float:
     """Return d f / d R at a load of at least 1."""
-    x, more = np.sqrt(load), curve.ductility - 1.0
+    x, excess = np.sqrt(load), curve.ductility - 1.0
     if curve.exponential:
-        return -np.exp(-2.0 * (x - 1.0) / more) / x * (1.0 / x + 2.0 / more) / (2.0 * x)
-    return -curve.ductility / (2.0 * more * x * load) if x < curve.ductility else 0.0 * x
+        return -np.exp(-2.0 * (x - 1.0) / excess) / x * (1.0 / x + 2.0 / excess) / (2.0 * x)
+    return -curve.ductility / (2.0 * excess * x * load) if x < curve.ductility else 0.0 * x
 
 
 @inline
 def _mean_share(start: float, end: float, curve: Softening) -> float:
     """Return the mean of f over the loads from start to end, start at least 1."""
-    a, b, more = np.sqrt(start), np.sqrt(end), curve.ductility - 1.0
+    a, b, excess = np.sqrt(start), np.sqrt(end), curve.ductility - 1.0
     if curve.exponential:
-        z = 2.0 * (b - a) / more
+        z = 2.0 * (b - a) / excess
         falls = -np.expm1(-z) / z if z > 0.0 else 1.0
-        return 2.0 / (a + b) * np.exp(-2.0 * (a - 1.0) / more) * falls
+        return 2.0 / (a + b) * np.exp(-2.0 * (a - 1.0) / excess) * falls
     if a >= curve.ductility:
         return 0.0 * a
     covered = 1.0
     if b > curve.ductility:
         b = curve.ductility
         covered = (b * b - start) / (end - start)
-    return covered * (2.0 * curve.ductility / (a + b) - 1.0) / more
+    return covered * (2.0 * curve.ductility / (a + b) - 1.0) / excess
 
 
 @inline
@@ -145,18 +145,18 @@ class Bond(NamedTuple):
 
 
 @inline
-def broken_energy(start: float, end: float, rest: float, change: float, mean: Mean) -> float:
-    """Return the energy of the bond that a step breaks in one mode, (9f), in units of that at r = 1.
+def broken_energy(start: float, end: float, elastic: float, change: float, mean: Mean) -> float:
+    """Return the energy that a step breaks in one mode (9f), divided by the energy at r = 1.
 
     Args:
         start: Part of the mode in r at the start.
         end: Part of the mode in r at the end.
-        rest: Increase of r before damage grows.
+        elastic: Increase of r before damage grows.
         change: Increase of r in the step.
         mean: Share of the bond.
     """
     rate = (end - start) / change
-    return (start + rate * rest) * mean.lost + rate * mean.moment
+    return (start + rate * elastic) * mean.lost + rate * mean.moment
 
 
 @inline

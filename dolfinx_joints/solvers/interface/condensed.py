@@ -142,9 +142,7 @@ class Condensed:
         stiffness = self._contact.steepest_softening() / self._weight
         stiffness /= limits.SOFTENING_COMPLIANCE
         if springs is not None:
-            stiffness = np.maximum(
-                stiffness + springs.stiffness, 1.0 / springs.largest_compliance
-            )
+            stiffness = np.maximum(stiffness + springs.stiffness, 1.0 / springs.largest_compliance)
         with np.errstate(divide="ignore"):
             return np.asarray(1.0 / stiffness)
 

@@ -32,6 +32,7 @@ from dolfinx_joints.laws.points.discrete_gradient import (
     stored_by,
     whole_step_from,
 )
+from dolfinx_joints.laws.points.on_compliance import loop_of
 from dolfinx_joints.laws.points.return_mapping import (
     STICK,
     Answer,
@@ -129,6 +130,41 @@ def _point(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
     return point
 
 
+def _guess(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
+    """Return the function that solves a point on a compliance unless it softens or opens.
+
+    The bond is then a spring: in shear it changes the compliance and the gap that friction sees.
+    """
+
+    @inline
+    def guess(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
+        k_n, k_s, mu = start.parameters[0], start.parameters[1], start.parameters[2]
+        first, half = start.history.shape[1] - 6, 0.5 if whole else 1.0
+        before, gap, old, last = start.gap[i], answer.gap[i], start.history[i], first + 5
+        spring = c_s * k_s * old[last]
+        share = 1.0 / (1.0 + half * spring)
+        for a in range(1, 3):
+            gap[a] = before[a] + share * (gap[a] - before[a] - spring * old[first + a])
+        broken = 1.0 - old[last]
+        if broken > 0.0 and gap[0] <= 0.0:
+            law = Coulomb(1.0 / k_n, 1.0 / k_s, k_n / k_s, broken * mu, True)
+            friction(i, (c_n, share * c_s), law, start, answer)
+        else:
+            spring = c_n * k_n * old[first + 4]
+            opening = before[0] if broken == 0.0 else max(before[0], 0.0)
+            gap[0] = (gap[0] - (1.0 - half) * spring * opening) / (1.0 + half * spring)
+
+    return guess
+
+
+_FRICTION = {
+    BACKWARD_EULER.name: (friction_at_end, False),
+    DISCRETE_GRADIENT.name: (friction_over_step, True),
+}
+_POINTS = {name: _point(*rule) for name, rule in _FRICTION.items()}
+_LOOPS = {name: loop_of(_POINTS[name], _guess(*rule)) for name, rule in _FRICTION.items()}
+
+
 @dataclass(frozen=True, kw_only=True)
 @checked
 class CohesiveJoint(EnergyConsistentContact):
@@ -175,10 +211,8 @@ class CohesiveJoint(EnergyConsistentContact):
         array([1000000., 1000000.,       0.])
     """
 
-    points: ClassVar[Mapping[str, Any]] = {
-        BACKWARD_EULER.name: _point(friction_at_end, False),
-        DISCRETE_GRADIENT.name: _point(friction_over_step, True),
-    }
+    loops: ClassVar[Mapping[str, Any]] = _LOOPS
+    points: ClassVar[Mapping[str, Any]] = _POINTS
     internal_variables: ClassVar[tuple[str, ...]] = (
         "broken",
         "load",
@@ -273,7 +307,7 @@ class CohesiveJoint(EnergyConsistentContact):
         history = friction.elastic_slip
         if rule.name == DISCRETE_GRADIENT.name:
             stored = stored_by(friction, bond.normal_stiffness, bond.shear_stiffness)
-            history = whole_step_from(friction, stored, Coulomb(0.0, 0.0, 0.0, 0.0)).history
+            history = whole_step_from(friction, stored, Coulomb(0.0, 0.0, 0.0, 0.0)).history[:, :8]
         shares = [intact_share(state.internal[:, LOAD], curve) for curve in self.curves]
         history = np.column_stack([history, state.internal[:, LOAD:], *shares])
         return Start(state.gap, history, np.array(bond))

@@ -25,7 +25,7 @@ from dolfinx_joints.laws.law import (
     Response,
     Rule,
 )
-from dolfinx_joints.laws.losses import GapChange, friction_gap_change, losses_on
+from dolfinx_joints.laws.losses import friction_gap_change, losses_on
 from dolfinx_joints.laws.points.compiled_law import EnergyConsistentContact
 from dolfinx_joints.laws.points.discrete_gradient import (
     friction_over_step,
@@ -58,8 +58,8 @@ NO_BOND = 1e30
 # Friction above this part of its limit grows with the broken share.
 AT_LIMIT = 1.0 - 1e-9
 
-# Columns of ``internal``: broken share, largest load R, bond slip s. Then the fracture energy.
-BROKEN_SHARE, LOAD, BOND_SLIP = 0, 1, slice(2, 4)
+# Columns of ``internal``: largest load R, and bond slip s.
+LOAD, BOND_SLIP = 1, slice(2, 4)
 
 
 def _point(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
@@ -76,7 +76,7 @@ def _point(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
         area_n, area_s = bond.opening * bond.opening, bond.slip * bond.slip
         n_0, n_1 = max(before, 0.0) ** 2 / area_n, max(end, 0.0) ** 2 / area_n
         q_0, q_1 = (s_1 * s_1 + s_2 * s_2) / area_s, (e_1 * e_1 + e_2 * e_2) / area_s
-        load, r_1 = old[0], n_1 + q_1
+        load, r_1 = max(old[0], 1.0), n_1 + q_1
         grows, lost = r_1 > load, 0.0 * k_n
         mean_n, mean_s = unchanged(old[4]), unchanged(old[5])
         if grows:
@@ -104,9 +104,8 @@ def _point(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
             answer.status[i] = STICK
         opening, opening_slope = mean_opening(before, end, whole)
         half = 0.5 if whole else 1.0
-        b_1, b_2 = k_s * (half * e_1), k_s * (half * e_2)
-        if whole:
-            b_1, b_2 = b_1 + k_s * (half * s_1), b_2 + k_s * (half * s_2)
+        b_1 = k_s * (half * e_1 + (1.0 - half) * s_1)
+        b_2 = k_s * (half * e_2 + (1.0 - half) * s_2)
         if grows:
             by_gap = (2.0 * max(end, 0.0) / area_n, 2.0 * e_1 / area_s, 2.0 * e_2 / area_s)
             by_load = (
@@ -157,12 +156,10 @@ def _guess(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
     return guess
 
 
-_FRICTION = {
-    BACKWARD_EULER.name: (friction_at_end, False),
-    DISCRETE_GRADIENT.name: (friction_over_step, True),
-}
-_POINTS = {name: _point(*rule) for name, rule in _FRICTION.items()}
-_LOOPS = {name: loop_of(_POINTS[name], _guess(*rule)) for name, rule in _FRICTION.items()}
+_RULES = {BACKWARD_EULER.name: (friction_at_end, False)}
+_RULES[DISCRETE_GRADIENT.name] = friction_over_step, True
+_POINTS = {name: _point(*rule) for name, rule in _RULES.items()}
+_LOOPS = {name: loop_of(_POINTS[name], _guess(*rule)) for name, rule in _RULES.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,7 +203,7 @@ class CohesiveJoint(EnergyConsistentContact):
         ...     shear_fracture_energy=1000.0, softening="linear",
         ... )
         >>> gap = np.array([[1e-6, 0.0, 0.0], [51e-6, 0.0, 0.0], [200e-6, 0.0, 0.0]])  # [m]
-        >>> state = law.at_rest(np.zeros((3, 3)))
+        >>> state = JointState.at_rest(np.zeros((3, 3)), variables=5)
         >>> law.backward_euler(gap, state).traction[:, 0].round()  # intact, half, broken [Pa]
         array([1000000., 1000000.,       0.])
     """
@@ -246,46 +243,32 @@ class CohesiveJoint(EnergyConsistentContact):
                 )
 
     @property
+    def _bond(self) -> Bond:
+        k_n, k_s = self.normal_stiffness, self.shear_stiffness
+        f_t, c = self.tensile_strength, self.cohesion
+        normal = 2.0 * self.fracture_energy * k_n / f_t**2
+        shear = 2.0 * self.shear_fracture_energy * k_s / c**2
+        exponential = float(self.softening == "exponential")
+        return Bond(k_n, k_s, coefficient_of(self), f_t / k_n, c / k_s, normal, shear, exponential)
+
+    @property
     def curves(self) -> tuple[Softening, Softening]:
         """Softening in modes I and II."""
-        row, exponential = self._bond, self.softening == "exponential"
-        return Softening(row.normal, exponential), Softening(row.shear, exponential)
+        bond, exponential = self._bond, self.softening == "exponential"
+        return Softening(bond.normal, exponential), Softening(bond.shear, exponential)
 
     @property
     def steepest_softening(self) -> tuple[float, float]:
         """Largest decrease of the traction with the gap in modes I and II, (9g) [Pa/m]."""
-        row, factor = self._bond, 2.0 if self.softening == "exponential" else 1.0
-        return (
-            factor * row.normal_stiffness / (row.normal - 1.0),
-            factor * row.shear_stiffness / (row.shear - 1.0),
-        )
-
-    @property
-    def _bond(self) -> Bond:
-        k_n, k_s, f_t, c = (
-            self.normal_stiffness,
-            self.shear_stiffness,
-            self.tensile_strength,
-            self.cohesion,
-        )
-        ductility = (
-            2.0 * self.fracture_energy * k_n / f_t**2,
-            2.0 * self.shear_fracture_energy * k_s / c**2,
-        )
-        exponential = float(self.softening == "exponential")
-        return Bond(k_n, k_s, coefficient_of(self), f_t / k_n, c / k_s, *ductility, exponential)
+        bond, factor = self._bond, 2.0 if self.softening == "exponential" else 1.0
+        shear = factor * bond.shear_stiffness / (bond.shear - 1.0)
+        return factor * bond.normal_stiffness / (bond.normal - 1.0), shear
 
     def initial_variables(self, gap: Floats) -> Floats:
         """Return the values at rest, shape (n, 5); points without contact have no bond."""
-        values = np.zeros((len(gap), 5))
-        unbonded = gap[:, 0] > 0.0
-        values[:, LOAD] = np.where(unbonded, NO_BOND, 1.0)
-        values[unbonded, BROKEN_SHARE] = 1.0
+        values, unbonded = np.zeros((len(gap), 5)), gap[:, 0] > 0.0
+        values[unbonded, :2] = 1.0, NO_BOND
         return values
-
-    def at_rest(self, gap: Floats) -> JointState:
-        """Return the state at rest at a gap of shape (n, 3), [m]."""
-        return replace(JointState.at_rest(gap), internal=self.initial_variables(gap))
 
     def stored_energy(self, state: JointState) -> Floats:
         """Return the elastic energy (9c) of bond, contact and friction, shape (n,), [J/m^2]."""
@@ -337,4 +320,4 @@ class CohesiveJoint(EnergyConsistentContact):
         change.flight[:, 0] = answer.state.gap[:, 0] - before.gap[:, 0]
         mean = np.zeros_like(traction)
         mean[:, 1:] = 0.5 * self.shear_stiffness * (first.elastic_slip + last.elastic_slip)
-        return losses_on(GapChange(*change), traction - bond.traction, mean, answer.dissipation)
+        return losses_on(change, traction - bond.traction, mean, answer.dissipation)

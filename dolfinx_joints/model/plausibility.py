@@ -127,33 +127,31 @@ def _parameters(given: Any) -> Iterator[tuple[str, Any]]:
 def _process_zones(jointed: JointedMesh, materials: Mapping[str, Any], laws: Any) -> list[str]:
     """Return a warning for each joint whose cells do not resolve its process zone (collective)."""
     texts, topology, comm = [], jointed.mesh.topology, jointed.mesh.comm
-    cells = topology.connectivity(topology.dim - 1, topology.dim)
     for joint in jointed.joint_names:
         law: Any = laws.get(joint) if isinstance(laws, Mapping) else laws
         law = getattr(law, "law", law)
         if not hasattr(law, "shear_fracture_energy"):
             continue
-        behind = [cells.array[cells.offsets[jointed.facets(joint + side)]] for side in "-+"]
+        cells = topology.connectivity(topology.dim - 1, topology.dim)
+        facets = np.concatenate([jointed.facets(joint + side) for side in "-+"])
         young = [
             np.min(elastic_part(material).young)
             for group, material in materials.items()
-            if not group or np.isin(np.concatenate(behind), jointed.cells(group)).any()
+            if not group or np.isin(cells.array[cells.offsets[facets]], jointed.cells(group)).any()
         ]
+        modulus = comm.allreduce(float(np.min(young, initial=np.inf)), MPI.MIN)
         corners = jointed.corners(f"{joint}-")
         sides = np.linalg.norm(corners - corners[:, :1], axis=2).max(axis=1)
         total, number = comm.allreduce(np.array([sides.sum(), len(sides)]))
-        size = total / number
-        modulus = comm.allreduce(float(np.min(young, initial=np.inf)), MPI.MIN)
-        tension = "tension", law.fracture_energy, law.tensile_strength
         for mode, energy, strength in (
-            tension,
+            ("tension", law.fracture_energy, law.tensile_strength),
             ("shear", law.shear_fracture_energy, law.cohesion),
         ):
             zone = ZONE_LENGTH * modulus * energy / strength**2
-            if size * CELLS_PER_ZONE > zone:
+            if CELLS_PER_ZONE * total > zone * number:
                 texts.append(
                     f"Joint {joint!r}: the fracture process zone in {mode} is {zone:.3g} m long, "
-                    f"and the mean facet {size:.3g} m; use facets of at most "
+                    f"and the mean facet {total / number:.3g} m; use facets of at most "
                     f"{zone / CELLS_PER_ZONE:.3g} m, or a larger fracture energy."
                 )
     return texts

@@ -68,16 +68,16 @@ def _check_softening(system: MatrixSystem, contact: Contact) -> None:
     elements = operator.areas[:, None] * compliance.reshape(-1, 3)[:, :2]
     share = (elements * contact.steepest_softening()).max(axis=1, initial=0.0)
     ratio = comm.allreduce(float(share.max(initial=0.0)), MPI.MAX)
-    if ratio < limits.STEEPEST_SOFTENING:
+    if ratio < limits.SOFTENING_COMPLIANCE:
         return
     joint = contact.worst_joint(np.where(share == ratio, 1.0, 0.0))
-    change = limits.STEEPEST_SOFTENING / ratio
+    change = limits.SOFTENING_COMPLIANCE / ratio
     raise JointsError(
         f"Joint {joint!r}: the compliance of the cells at a joint point times the steepest "
-        f"softening of its bond is {ratio:.3g}; it must be below {limits.STEEPEST_SOFTENING:g}, "
-        f"otherwise statics are not unique. Use cells of at most {change:.2g} times their size, or "
+        f"softening of its bond is {ratio:.3g}; it must be below {limits.SOFTENING_COMPLIANCE:g}, "
+        f"as statics are not unique from 1 on. Use cells of at most {change:.2g} times their size, "
         f"strengths of at most {change**0.5:.2g} times, or fracture energies of at least "
-        f"{1.0 / change:.2g} times their present value."
+        f"{1.0 / change:.2g} times the present ones."
     )
 
 

@@ -139,8 +139,8 @@ class Condensed:
         springs, softens = self.springs, self._contact.softens
         if not softens:
             return None if springs is None else springs.largest_compliance
-        stiffness = self._contact.steepest_softening() / self._weight
-        stiffness /= limits.SOFTENING_COMPLIANCE
+        stiffness = self._contact.steepest_softening()
+        stiffness /= self._weight * limits.SOFTENING_COMPLIANCE
         if springs is not None:
             stiffness = np.maximum(stiffness + springs.stiffness, 1.0 / springs.largest_compliance)
         with np.errstate(divide="ignore"):

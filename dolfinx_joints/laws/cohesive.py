@@ -130,17 +130,14 @@ def _point(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
 
 
 def _guess(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
-    """Return the function that solves a point on a compliance unless it softens or opens.
-
-    The bond is then a spring: in shear it changes the compliance and the gap that friction sees.
-    """
+    """Return the function that solves a point on a compliance unless it softens or opens."""
 
     @inline
     def guess(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
         k_n, k_s, mu = start.parameters[0], start.parameters[1], start.parameters[2]
         first, half = start.history.shape[1] - 6, 0.5 if whole else 1.0
         before, gap, old, last = start.gap[i], answer.gap[i], start.history[i], first + 5
-        spring = c_s * k_s * old[last]
+        spring = c_s * k_s * old[last]  # in shear the bond changes compliance and gap of friction
         share = 1.0 / (1.0 + half * spring)
         for a in range(1, 3):
             gap[a] = before[a] + share * (gap[a] - before[a] - spring * old[first + a])

@@ -6,8 +6,7 @@ The load r = (<g_n>/g_0)^2 + (|s|/s_0)^2 is 1 where softening starts, with the o
 g_0 and s_0 there. The largest load so far is R. The bond keeps the share f(R) of its stiffness in
 each mode, see (9d) of docs/theory. A step follows a path on which the squares of opening and slip
 change in proportion. On it r changes at a constant rate, so the mean of f over the path is an
-integral over r in closed form, and the work is exact. Without differences of nearly equal numbers
-very short steps lose no digits.
+integral over r in closed form, and the work is exact. Very short steps lose no digits.
 """
 
 from __future__ import annotations
@@ -57,8 +56,7 @@ class Mean(NamedTuple):
 @inline
 def unchanged(share: float) -> Mean:
     """Return the share of a step in which the bond does not soften."""
-    zero = 0.0 * share
-    return Mean(share, zero, share, zero, zero, zero)
+    return Mean(share, 0.0, share, 0.0, 0.0, 0.0)
 
 
 @inline

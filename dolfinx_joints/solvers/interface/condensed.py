@@ -131,11 +131,7 @@ class Condensed:
         )
 
     def _largest_compliance(self) -> Floats | None:
-        """Return the upper limit of c of each point, shape (n, 2), [m/Pa], or None.
-
-        The compliance of the law, without springs, times the softening of a bond is below 1, so
-        that the response of each point is unique.
-        """
+        """Return the largest c at which softening points are unique, (n, 2), [m/Pa], or None."""
         springs, softens = self.springs, self._contact.softens
         if not softens:
             return None if springs is None else springs.largest_compliance

@@ -65,8 +65,9 @@ def _check_softening(system: MatrixSystem, contact: Contact) -> None:
     """
     operator, comm = contact.operator, contact.operator.comm
     compliance = diagonal_compliance(operator.matrix, system.stiffness.getDiagonal())
-    elements = operator.areas[:, None] * compliance.reshape(-1, 3)[:, :2]
-    share = (elements * contact.steepest_softening()).max(axis=1, initial=0.0)
+    elements = operator.areas[:, None] * compliance.reshape(-1, 3)
+    softening = np.repeat(contact.steepest_softening(), (1, 2), axis=1)
+    share = (elements * softening).max(axis=1, initial=0.0)
     ratio = comm.allreduce(float(share.max(initial=0.0)), MPI.MAX)
     if ratio < limits.SOFTENING_COMPLIANCE:
         return

@@ -28,6 +28,14 @@ def laws(scene: Scene) -> Mapping[str, Law]:
     return {
         "FrictionNoTension": friction,
         "bonds": dj.MohrCoulombJoint(**sliding, cohesion=5e5, tensile_strength=2e5),
+        "CohesiveJoint": dj.CohesiveJoint(
+            **sliding,
+            cohesion=5e5,
+            tensile_strength=2e5,
+            fracture_energy=20.0,
+            shear_fracture_energy=100.0,
+            softening="linear",
+        ),
         "dilatancy": dj.MohrCoulombJoint(**sliding, dilatancy_angle_deg=5.0),
         "ViscousJoint": dj.ViscousJoint(law=friction, normal_viscosity=1e7, shear_viscosity=1e7),
         "KeyedJoint": dj.KeyedJoint(**elastic),

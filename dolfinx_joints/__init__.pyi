@@ -32,6 +32,7 @@ from .export.csv_files import write_csv as write_csv
 from .joints.ufl_law import PotentialJoint as PotentialJoint
 from .joints.ufl_law import TractionJoint as TractionJoint
 from .laws.adhesive import AdhesiveJoint as AdhesiveJoint
+from .laws.cohesive import CohesiveJoint as CohesiveJoint
 from .laws.friction import FrictionNoTension as FrictionNoTension
 from .laws.friction import frictionless as frictionless
 from .laws.keyed import KeyedJoint as KeyedJoint

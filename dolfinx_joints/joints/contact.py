@@ -251,6 +251,19 @@ class Contact:
             density[part.points] = part.law.stored_energy(part.state_of(state))
         return self.integrals(density)
 
+    def fracture_energy(self, state: JointState) -> float:
+        """Return the energy of broken cohesive bonds since the state at rest [J] (collective)."""
+        density = np.zeros(len(state.gap))
+        for part in self._laws:
+            if part.fracture is not None:
+                density[part.points] = state.internal[part.points, part.fracture]
+        return self.integral(density)
+
+    @property
+    def softens(self) -> bool:
+        """True, on all ranks, if a law has a fracture energy."""
+        return any(part.fracture is not None for part in self._laws)
+
     def losses(self, rule: Rule, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Return the losses of a step at all local points, each of shape (n,), [J/m^2].
 
@@ -292,6 +305,13 @@ class Contact:
         for part in self._laws:
             stiffness[part.points] = part.law.closed_stiffness()
         return stiffness
+
+    def steepest_softening(self) -> Floats:
+        """Return the largest softening of each point in tension and shear, shape (n, 2), [Pa/m]."""
+        softening = np.zeros((len(self.operator.areas), 2))
+        for part in self._laws:
+            softening[part.points] = part.softening
+        return softening
 
     @property
     def rigid(self) -> bool:

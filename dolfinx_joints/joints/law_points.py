@@ -65,6 +65,8 @@ class LawPoints:
         has_losses: True if the law has formulas for its losses in backward Euler steps.
         brittle: True if the law has bonds that can break.
         stops: True if the points do not rebound.
+        softening: Largest decrease of the tractions with opening and slip [Pa/m].
+        fracture: Column of the internal variable ``fracture_energy``, None without it.
 
     Raises:
         ValueError: The internal variables do not conform to `LawWithHistory`, or the stiffness is
@@ -90,6 +92,8 @@ class LawPoints:
                 "and shear stiffness, two numbers of at least 0 Pa/m."
             )
         self.variables = len(names)
+        self.softening = getattr(getattr(law, "law", law), "steepest_softening", (0.0, 0.0))
+        self.fracture = names.index("fracture_energy") if "fracture_energy" in names else None
         self._law_of_steps: Callable[[float], AnyLaw] = lambda dt: law
         if isinstance(law, RateDependentLaw):
             self._law_of_steps = law.for_step

@@ -105,8 +105,14 @@ def friction_work(before: Vector, t_s: Vector, plastic: Vector, d_s: float) -> f
 @inline
 def backward_euler_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
     """Compute the response at the end of a step; on entry ``answer.gap`` is the trial gap."""
+    friction_at_end(i, (c_n, c_s), law_of(start.parameters), start, answer)
+
+
+@inline
+def friction_at_end(i: int, own: Vector, law: Coulomb, start: Start, answer: Answer) -> None:
+    """Compute the response at the end of a step of a point with its own compliance and law."""
     put_zeros(i, answer)
-    law, gap, end = law_of(start.parameters), start.gap[i], answer.gap[i]
+    (c_n, c_s), gap, end = own, start.gap[i], answer.gap[i]
     d_n, d_s, mu = law.normal_compliance, law.shear_compliance, law.friction
     h_n, opening = end[0], max(gap[0], 0.0)
     e_1, e_2 = start.history[i, 0], start.history[i, 1]

@@ -14,6 +14,7 @@ import numpy as np
 
 from dolfinx_joints.common.errors import doubt
 from dolfinx_joints.common.parameters import numbers_of
+from dolfinx_joints.materials.bulk_law import elastic_part
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 
@@ -35,6 +36,7 @@ class Range:
 _MODULUS = Range(1e6, 25e9, 1e17, "Pa", {"GPa": 1e9, "MPa": 1e6})
 _STIFFNESS = Range(1e6, 1e11, 1e20, "Pa/m", {"GPa/m": 1e9, "MPa/m": 1e6})
 _STRENGTH = Range(1e2, 1e6, 1e9, "Pa", {"MPa": 1e6, "kPa": 1e3})
+_FRACTURE = Range(0.1, 200.0, 1e5, "J/m^2", {"N/mm": 1e3})
 _WEIGHTS = {"kN/m^3": 1e3 / 9.81, "N/m^3": 1.0 / 9.81}
 
 # Ranges by parameter name, which is the same in all materials, laws and loads.
@@ -50,6 +52,8 @@ RANGES = {
     "tensile_strength": _STRENGTH,
     "tensile": Range(1e4, 2e6, 3e7, "Pa", {"MPa": 1e6, "kPa": 1e3}),
     "compressive": Range(1e5, 25e6, 3e8, "Pa", {"MPa": 1e6, "kPa": 1e3}),
+    "fracture_energy": _FRACTURE,
+    "shear_fracture_energy": _FRACTURE,
     "friction_angle_deg": Range(2.0, 35.0, 90.0, "degrees", {"radians": 180.0 / np.pi}),
     "friction_coefficient": Range(0.0, 0.7, 10.0, "", {"degrees": np.pi / 180.0}),
     "expansion": Range(1e-7, 1e-5, 1e-4, "1/K", {"1e-6/K": 1e-6}),
@@ -58,6 +62,9 @@ RANGES = {
 }
 GROUT_PRESSURE = Range(1e3, 5e5, 3e7, "Pa", {"MPa": 1e6, "bar": 1e5, "kPa": 1e3})
 KELVIN = 273.15
+# Length of the process zone divided by E G / f^2 (Rice 1980), and the least number of cells in it
+# (Turon et al. 2007).
+ZONE_LENGTH, CELLS_PER_ZONE = 9.0 * np.pi / 32.0, 3.0
 EXTENT = Range(0.01, 100.0, 2e4, "m", {"mm": 1e-3, "cm": 1e-2})
 
 
@@ -72,6 +79,7 @@ def warn_of_implausible_values(
     x, comm = jointed.mesh.geometry.x, jointed.mesh.comm
     feet = {id(load): _lowest_height(jointed, load) for load in loads}
     kelvin = [text for load in loads for text in _in_kelvin(comm, load)]
+    zones = _process_zones(jointed, materials, laws)
     boxes = comm.gather((x.min(axis=0), x.max(axis=0)) if len(x) else None, root=0)
     if boxes is None:
         return []
@@ -91,7 +99,7 @@ def warn_of_implausible_values(
             )
         ends = float(lowest[up]), float(highest[up])
         texts += _level(owner, given, *ends, feet.get(id(given), -np.inf))
-    texts += _water_twice(loads) + kelvin
+    texts += _water_twice(loads) + kelvin + zones
     doubt(comm, *texts)
     return texts
 
@@ -131,6 +139,39 @@ def _parameters(given: Any) -> Iterator[tuple[str, Any]]:
         value = getattr(given, parameter.name, None)
         yield parameter.name, value
         yield from _parameters(value)
+
+
+def _process_zones(jointed: JointedMesh, materials: Mapping[str, Any], laws: Any) -> list[str]:
+    """Return a warning for each joint whose cells do not resolve its process zone (collective)."""
+    texts, topology, comm = [], jointed.mesh.topology, jointed.mesh.comm
+    for joint in jointed.joint_names:
+        law: Any = laws.get(joint) if isinstance(laws, Mapping) else laws
+        law = getattr(law, "law", law)
+        if not hasattr(law, "shear_fracture_energy"):
+            continue
+        cells = topology.connectivity(topology.dim - 1, topology.dim)
+        facets = np.concatenate([jointed.facets(joint + side) for side in "-+"])
+        young = [
+            np.min(elastic_part(material).young)
+            for group, material in materials.items()
+            if not group or np.isin(cells.array[cells.offsets[facets]], jointed.cells(group)).any()
+        ]
+        modulus = comm.allreduce(float(np.min(young, initial=np.inf)), MPI.MIN)
+        corners = jointed.corners(f"{joint}-")
+        sides = np.linalg.norm(corners - corners[:, :1], axis=2).max(axis=1)
+        total, number = comm.allreduce(np.array([sides.sum(), len(sides)]))
+        for mode, energy, strength in (
+            ("tension", law.fracture_energy, law.tensile_strength),
+            ("shear", law.shear_fracture_energy, law.cohesion),
+        ):
+            zone = ZONE_LENGTH * modulus * energy / strength**2
+            if CELLS_PER_ZONE * total > zone * number:
+                texts.append(
+                    f"Joint {joint!r}: the fracture process zone in {mode} is {zone:.3g} m long, "
+                    f"and the mean facet {total / number:.3g} m; use facets of at most "
+                    f"{zone / CELLS_PER_ZONE:.3g} m, or a larger fracture energy."
+                )
+    return texts
 
 
 def _water_twice(loads: Sequence[Any]) -> list[str]:

@@ -36,6 +36,7 @@ def energy_terms(model: Model) -> list[str]:
     """Return the names of the energies that occur in runs of the model, in the table's order."""
     contact, has = model.contact, dict.fromkeys(ENERGY_TERMS, True)
     has |= {"plastic": model.bulk is not None, "impact": contact is not None and contact.stops}
+    has |= {"fracture": contact is not None and contact.softens}
     has |= {"water": model.coupled is not None}
     has |= {"absorbed": bool(model.absorbing) or model.coupled is not None}
     return [row.name for row in rows_below("energy") if has.get(row.name)]

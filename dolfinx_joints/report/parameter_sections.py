@@ -40,6 +40,8 @@ _UNITS = {
     "forward_play": ("forward play [m]", 1.0),
     "backward_play": ("backward play [m]", 1.0),
     "tensile_strength": ("tensile strength [MPa]", 1e-6),
+    "fracture_energy": ("fracture energy G_I [J/m²]", 1.0),
+    "shear_fracture_energy": ("fracture energy G_II [J/m²]", 1.0),
     "mean": ("mean [°C]", 1.0),
     "surface_mean": ("mean at the surface [°C]", 1.0),
     "deep_mean": ("mean at depth [°C]", 1.0),

@@ -144,6 +144,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("water", "J", "energy of waves in the reservoir", style=("-", "#1b9e9e"), rare=True),
         Q("plastic", "J", "plastic work of the bulk", style=("--", "#a50f15"), rare=True),
         Q("impact", "J", "loss of points that do not rebound", style=("--", "#e7298a"), rare=True),
+        Q("fracture", "J", "broken bonds, in friction", style=(":", "#b2182b"), rare=True),
         Q("absorbed", "J", text="part of viscous at absorbing boundaries", rare=True),
         Q("error", "J", "residual", style=(":", "#8c8c8c")),
         Q("joints/*/elastic", "J", text="elastic energy of {}"),

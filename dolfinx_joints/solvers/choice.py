@@ -50,9 +50,36 @@ def make_solver(
             tries other solvers and pseudo-time.
         static_steps: Number of static load steps to be solved; 0 in dynamics.
     """
+    if static_steps and system.contact is not None and system.contact.softens:
+        _check_softening(system, system.contact)
     solver = _solver_of(system, options, kind, static_steps)
     brittle = system.contact is not None and system.contact.brittle
     return BondReleaseSolver(solver) if brittle else solver
+
+
+def _check_softening(system: MatrixSystem, contact: Contact) -> None:
+    """Check that the elements at each joint point are stiffer than its bond softens (collective).
+
+    Raises:
+        JointsError: The equilibrium of a point on its elements is not unique.
+    """
+    operator, comm = contact.operator, contact.operator.comm
+    compliance = diagonal_compliance(operator.matrix, system.stiffness.getDiagonal())
+    elements = operator.areas[:, None] * compliance.reshape(-1, 3)
+    softening = np.repeat(contact.steepest_softening(), (1, 2), axis=1)
+    share = (elements * softening).max(axis=1, initial=0.0)
+    ratio = comm.allreduce(float(share.max(initial=0.0)), MPI.MAX)
+    if ratio < limits.SOFTENING_COMPLIANCE:
+        return
+    joint = contact.worst_joint(np.where(share == ratio, 1.0, 0.0))
+    change = limits.SOFTENING_COMPLIANCE / ratio
+    raise JointsError(
+        f"Joint {joint!r}: the compliance of the cells at a joint point times the steepest "
+        f"softening of its bond is {ratio:.3g}; it must be below {limits.SOFTENING_COMPLIANCE:g}, "
+        f"as statics are not unique from 1 on. Use cells of at most {change:.2g} times their size, "
+        f"strengths of at most {change**0.5:.2g} times, or fracture energies of at least "
+        f"{1.0 / change:.2g} times the present ones."
+    )
 
 
 def _solver_of(

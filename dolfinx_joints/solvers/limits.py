@@ -90,6 +90,10 @@ ON_LINE = 1e-3
 # supports, c sigma = 1 and 1 / (1 - c sigma) is infinite; a smaller c gives the same solution.
 SPRING_COMPLIANCE = 0.9
 
+# Largest product of compliance and softening of a bond, below 1. The compliance is that of a point
+# on the condensed solver, and in statics that of the cells with all other nodes fixed.
+SOFTENING_COMPLIANCE = 0.9
+
 # Share of the artificial springs kept in the Newton matrix. Without this share the matrix is
 # singular if a block is open or frictionless. The equilibrium does not depend on the share.
 SPRING_REGULARISATION = 1e-6

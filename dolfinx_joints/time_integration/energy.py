@@ -43,6 +43,8 @@ class EnergyRow:
         plastic: Plastic work of the bulk.
         absorbed: Part of ``viscous`` absorbed by viscous boundaries and boundaries of the water.
         impact: Energy lost by joint points that close without rebound.
+        fracture: Energy of broken cohesive bonds since the joints were at rest: fracture energy
+            times broken area. It was a part of ``friction`` as the bonds broke.
         water: Kinetic and compression energy of water waves, not part of ``kinetic``, ``strain``.
     """
 
@@ -59,6 +61,7 @@ class EnergyRow:
     plastic: float = 0.0
     absorbed: float = 0.0
     impact: float = 0.0
+    fracture: float = 0.0
     water: float = 0.0
 
     @cached_property
@@ -119,6 +122,7 @@ class EnergyLedger:
             strain=strain,
             water=water,
             joint_elastic=self._joint_energy(state),
+            fracture=self._fracture(state),
             input_by_load=dict.fromkeys(self._system.names_of_works, 0.0),
             joint_friction=self._zeros,
             joint_numerical=self._zeros,
@@ -160,6 +164,7 @@ class EnergyLedger:
             plastic=plastic,
             absorbed=last.absorbed + work.absorbed,
             impact=impact,
+            fracture=self._fracture(state),
             water=water,
         )
 
@@ -198,6 +203,12 @@ class EnergyLedger:
         if self._system.contact is None or state.joints is None:
             return self._zeros
         return self._system.contact.stored_energy(state.joints.state)
+
+    def _fracture(self, state: DynamicState) -> float:
+        contact = self._system.contact
+        if contact is None or state.joints is None or not contact.softens:
+            return 0.0
+        return contact.fracture_energy(state.joints.state)
 
     def _energies(self, state: DynamicState) -> tuple[float, float, float]:
         """Return kinetic and strain energy of the body, and the energy of the water."""

@@ -169,11 +169,16 @@ def trial_traction(normal: Normal, q: Vector, h: Vector, c_s: float) -> Shear:
 @inline
 def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
     """Compute the response over a whole step; on entry ``answer.gap`` is the trial gap."""
+    friction_over_step(i, (c_n, c_s), law_of(start.parameters), start, answer)
+
+
+@inline
+def friction_over_step(i: int, own: Vector, law: Coulomb, start: Start, answer: Answer) -> None:
+    """Compute the response over a whole step of a point with its own compliance and law."""
     traction, tangent, end_gap, end_stored, dissipation, status = answer
     gap, stored, trial_gap = start.gap, start.history, answer.gap
     put_zeros(i, answer)
-    law = law_of(start.parameters)
-    mu = law.friction
+    (c_n, c_s), mu = own, law.friction
     h_1, h_2 = trial_gap[i, 1] - gap[i, 1], trial_gap[i, 2] - gap[i, 2]
     q_1, q_2 = stored[i, 1], stored[i, 2]
     h_n, g_n = trial_gap[i, 0] - gap[i, 0], gap[i, 0]

@@ -189,14 +189,25 @@ def by_trial_gap(compliance: Any, tangent: Floats, search: Search) -> None:
             tangent[a, b] = rhs[b, a]
 
 
+@inline
+def from_start(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
+    """Set the gap of a point to that at the start of the step."""
+    for a in range(3):
+        answer.gap[i, a] = start.gap[i, a]
+
+
 @functools.cache
-def solver_of(point: Callable[..., None]) -> Callable[..., None]:
+def solver_of(
+    point: Callable[..., None], guess: Callable[..., None] = from_start
+) -> Callable[..., None]:
     """Return the function that solves a point on a compliance.
 
     Args:
         point: ``point(i, start, answer)`` as in `CompiledLaw`: computes response, history and
             derivative by the gap at ``answer.gap[i]``. The first two numbers in
             ``start.parameters`` are k_n and k_s.
+        guess: ``guess(i, c_n, c_s, start, answer)`` replaces the trial gap ``answer.gap[i]`` by the
+            gap at which the iteration starts.
 
     Returns:
         ``solve(i, c_n, c_s, start, answer, search)``. On entry ``answer.gap[i]`` is the trial gap;
@@ -211,8 +222,9 @@ def solver_of(point: Callable[..., None]) -> Callable[..., None]:
         trial_gap = (gap[0], gap[1], gap[2])
         for a in range(3):
             scale = max(scale, max(abs(gap[a]), abs(start.gap[i, a])))
-            gap[a] = trial_gap[a] if alone else start.gap[i, a]
             search.counts[0, a] = 0
+        if not alone:
+            guess(i, c_n, c_s, start, answer)
         traction, tangent, status = answer.traction[i], answer.tangent[i], CONTINUE
         while status == CONTINUE:
             point(i, start, answer)
@@ -227,9 +239,9 @@ def solver_of(point: Callable[..., None]) -> Callable[..., None]:
 
 
 @functools.cache
-def loop_of(point: Callable[..., None]) -> Any:
-    """Return the compiled loop of a law; ``point`` as in `CompiledLaw`."""
-    solve = solver_of(point)
+def loop_of(point: Callable[..., None], guess: Callable[..., None] = from_start) -> Any:
+    """Return the compiled loop of a law; arguments as in `solver_of`."""
+    solve = solver_of(point, guess)
 
     @njit(cache=True, error_model="numpy")
     def points(compliance: Floats, start: Start, answer: Answer) -> None:

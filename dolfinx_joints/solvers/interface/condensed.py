@@ -127,8 +127,20 @@ class Condensed:
             self._operator,
             self._contact.operator,
             kind=self._options.compliance,
-            largest=None if self.springs is None else self.springs.largest_compliance,
+            largest=self._largest_compliance(),
         )
+
+    def _largest_compliance(self) -> Floats | None:
+        """Return the largest c at which softening points are unique, (n, 2), [m/Pa], or None."""
+        springs, softens = self.springs, self._contact.softens
+        if not softens:
+            return None if springs is None else springs.largest_compliance
+        stiffness = self._contact.steepest_softening()
+        stiffness /= self._weight * limits.SOFTENING_COMPLIANCE
+        if springs is not None:
+            stiffness = np.maximum(stiffness + springs.stiffness, 1.0 / springs.largest_compliance)
+        with np.errstate(divide="ignore"):
+            return np.asarray(1.0 / stiffness)
 
     @cached_property
     def scale(self) -> Floats:

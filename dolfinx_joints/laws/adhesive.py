@@ -25,7 +25,7 @@ from dolfinx_joints.laws.points.return_mapping import Answer, Start, at_gap, clo
 
 
 def _shifted(point: Callable[..., None]) -> Callable[..., None]:
-    """Return the function of an adhesive point; the last parameter is the tension R (9c)."""
+    """Return the function of an adhesive point; the last parameter is the tension R (9h)."""
 
     @inline
     def adhesive_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:

@@ -211,6 +211,9 @@ class Constraints:
         static_dofs: Owned dofs constrained in static stages, including viscous boundaries.
         groups: Names of the groups with constrained dofs.
         points: Owned nodes, local numbers, of supports at points, by `place_of`.
+        first: Number in ``names`` of the first support that constrains each owned dof, or -1,
+            shape (nodes, gdim). Viscous boundaries come last.
+        names: Places of the supports with constrained dofs.
 
     Raises:
         ValueError: A component is unknown, or both Fixed by name and Prescribed at one place.
@@ -220,8 +223,8 @@ class Constraints:
     def __init__(self, jointed: JointedMesh, V: Any, supports: list[Support]) -> None:
         """Locate the dofs (collective)."""
         gdim, bs = jointed.mesh.geometry.dim, V.dofmap.index_map_bs
-        fixed: list[Ints] = []
-        static_only: list[Ints] = []
+        constrained: list[tuple[str, Ints]] = []
+        static_only: list[tuple[str, Ints]] = []
         self._prescribed: list[tuple[Ints, Floats, Prescribed]] = []
         self._comm, self._V, self.points = jointed.mesh.comm, V, dict[str, Ints]()
         x = V.tabulate_dof_coordinates()
@@ -244,19 +247,23 @@ class Constraints:
             else:
                 nodes = self.points[place_of(support)] = _node_of_point(jointed, V, support)
             dofs = (bs * nodes[:, None] + components).ravel()
+            if isinstance(support, ViscousBoundary):
+                static_only += [(support.group, dofs)] if support.in_statics == "held" else []
+                continue
+            constrained.append((place_of(support), dofs))
             if isinstance(support, Prescribed):
                 self._prescribed.append((dofs, x[nodes], support))
-            elif isinstance(support, ViscousBoundary):
-                static_only += [dofs] if support.in_statics == "held" else []
-            else:
-                fixed.append(dofs)
         _check_not_both(supports)
         clamped = [s for s in supports if isinstance(s, Fixed | Prescribed) and s.point is None]
         self.groups = tuple(dict.fromkeys(place_of(support) for support in clamped))
-        parts = [np.empty(0, dtype=np.int64), *fixed, *(dofs for dofs, *_ in self._prescribed)]
+        self.names = list(dict.fromkeys(place for place, _ in constrained + static_only))
+        self.first = np.full((V.dofmap.index_map.size_local, bs), -1)
+        for place, dofs in reversed(constrained + static_only):
+            self.first.flat[dofs] = self.names.index(place)
+        parts = [np.empty(0, dtype=np.int64), *(dofs for _, dofs in constrained)]
         self.dofs = np.unique(np.concatenate(parts))
         self._shared = self._shared_dofs()
-        self.static_dofs = np.unique(np.concatenate([self.dofs, *static_only]))
+        self.static_dofs = np.unique(np.concatenate([self.dofs, *(d for _, d in static_only)]))
 
     @property
     def moves(self) -> bool:

@@ -353,11 +353,19 @@ class Model(Summarised):
         """Return the sum of nodal forces over the nodes of a group, (gdim,), [N] (collective).
 
         The group is a facet group or a support at a point (`Constraints.points`). For reactions,
-        the sum is the force of the support on the body. A node in several groups counts in each.
+        the sum is the force of the support on the body. A component that several supports constrain
+        counts only in the first of them, so the forces of all supports sum to the total reaction.
         """
-        owned = self.V.dofmap.index_map.size_local
+        owned, nodes = self.V.dofmap.index_map.size_local, self.nodes(group)
         values = force.getArray(readonly=True)[: owned * self.gdim].reshape(-1, self.gdim)
-        return summed(self.jointed.mesh.comm, values[self.nodes(group)].sum(axis=0))
+        counted = np.where(self.counts(group), values[nodes], 0.0)
+        return summed(self.jointed.mesh.comm, counted.sum(axis=0))
+
+    def counts(self, group: str) -> NDArray[np.bool_]:
+        """Return False where a force at ``nodes(group)`` counts in another support, (n, gdim)."""
+        first, names = self.constraints.first[self.nodes(group)], self.constraints.names
+        own = names.index(group) if group in names else first
+        return (first == own) | (first == -1)
 
     def nodes(self, group: str) -> NDArray[np.int64]:
         """Return the owned nodes of a facet group or point support, local numbers (collective)."""

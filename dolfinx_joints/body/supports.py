@@ -211,9 +211,6 @@ class Constraints:
         static_dofs: Owned dofs constrained in static stages, including viscous boundaries.
         groups: Names of the groups with constrained dofs.
         points: Owned nodes, local numbers, of supports at points, by `place_of`.
-        first: Number in ``names`` of the first support that constrains each owned dof, or -1,
-            shape (nodes, gdim). Viscous boundaries come last.
-        names: Places of the supports with constrained dofs.
 
     Raises:
         ValueError: A component is unknown, or both Fixed by name and Prescribed at one place.
@@ -256,10 +253,11 @@ class Constraints:
         _check_not_both(supports)
         clamped = [s for s in supports if isinstance(s, Fixed | Prescribed) and s.point is None]
         self.groups = tuple(dict.fromkeys(place_of(support) for support in clamped))
-        self.names = list(dict.fromkeys(place for place, _ in constrained + static_only))
-        self.first = np.full((V.dofmap.index_map.size_local, bs), -1)
+        # First support that constrains each owned dof, or -1; viscous boundaries come last.
+        self._names = list(dict.fromkeys(place for place, _ in constrained + static_only))
+        self._first = np.full((V.dofmap.index_map.size_local, bs), -1)
         for place, dofs in reversed(constrained + static_only):
-            self.first.flat[dofs] = self.names.index(place)
+            self._first.flat[dofs] = self._names.index(place)
         parts = [np.empty(0, dtype=np.int64), *(dofs for _, dofs in constrained)]
         self.dofs = np.unique(np.concatenate(parts))
         self._shared = self._shared_dofs()
@@ -269,6 +267,12 @@ class Constraints:
     def moves(self) -> bool:
         """True if a displacement is prescribed."""
         return bool(self._prescribed)
+
+    def counts(self, group: str, nodes: Ints) -> NDArray[np.bool_]:
+        """Return False for forces at a group's nodes that count in another support, (n, gdim)."""
+        first = self._first[nodes]
+        own = self._names.index(group) if group in self._names else first
+        return (first == own) | (first == -1)
 
     def values(self, time: float, *, static: bool = False) -> NDArray[np.float64]:
         """Return the displacements (n,) [m] of `dofs` or `static_dofs` at a time [s] (collective).

@@ -358,14 +358,8 @@ class Model(Summarised):
         """
         owned, nodes = self.V.dofmap.index_map.size_local, self.nodes(group)
         values = force.getArray(readonly=True)[: owned * self.gdim].reshape(-1, self.gdim)
-        counted = np.where(self.counts(group), values[nodes], 0.0)
+        counted = self.constraints.counts(group, nodes) * values[nodes]
         return summed(self.jointed.mesh.comm, counted.sum(axis=0))
-
-    def counts(self, group: str) -> NDArray[np.bool_]:
-        """Return False where a force at ``nodes(group)`` counts in another support, (n, gdim)."""
-        first, names = self.constraints.first[self.nodes(group)], self.constraints.names
-        own = names.index(group) if group in names else first
-        return (first == own) | (first == -1)
 
     def nodes(self, group: str) -> NDArray[np.int64]:
         """Return the owned nodes of a facet group or point support, local numbers (collective)."""

@@ -129,8 +129,9 @@ class JointForces:
 
         Args:
             joints: Response of the joints, such as ``StaticState.joints`` or ``Record.joints``.
-            pressure: Water pressure at the local joint points, shape (n,), [Pa]; without it no
-                water forces are returned.
+            pressure: Water pressure at the local joint points, shape (n,), [Pa], such as
+                ``simulation.stages[-1].pressure`` or ``Record.pressure()``. Without it the water
+                forces are None, also in joints with water.
         """
         gap, resultants = joints.state.gap, {}
         points = JointPoints(gap, gap[:, 1:], joints.traction, self.cohesion(joints))

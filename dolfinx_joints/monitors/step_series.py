@@ -53,7 +53,7 @@ class StepSeries:
         at_supports = np.concatenate([np.empty(0, dtype=np.int64), *nodes])
         self._dofs = model.gdim * at_supports + np.arange(model.gdim)[:, None]
         self._ends = np.cumsum([0, *map(len, nodes)])
-        counts = [model.counts(group) for group in self._supports]
+        counts = map(model.constraints.counts, self._supports, nodes)
         self._counts = np.concatenate([np.empty((0, model.gdim), dtype=bool), *counts]).T
         self.last: tuple[float, Floats | None] = (-np.inf, None)
         self._steps: list[tuple[Any, ...]] = []

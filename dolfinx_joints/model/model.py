@@ -353,13 +353,13 @@ class Model(Summarised):
         """Return the sum of nodal forces over the nodes of a group, (gdim,), [N] (collective).
 
         The group is a facet group or a support at a point (`Constraints.points`). For reactions,
-        the sum is the force of the support on the body. A component that several supports constrain
-        counts only in the first of them, so the forces of all supports sum to the total reaction.
+        the sum is the force of the support on the body; a component that several supports constrain
+        counts only in the first, so the forces of all supports sum to the total.
         """
         owned, nodes = self.V.dofmap.index_map.size_local, self.nodes(group)
-        values = force.getArray(readonly=True)[: owned * self.gdim].reshape(-1, self.gdim)
-        counted = self.constraints.counts(group, nodes) * values[nodes]
-        return summed(self.jointed.mesh.comm, counted.sum(axis=0))
+        values = force.getArray(readonly=True)[: owned * self.gdim].reshape(-1, self.gdim)[nodes]
+        counts = self.constraints.counts(group, nodes)
+        return summed(self.jointed.mesh.comm, (counts * values).sum(axis=0))
 
     def nodes(self, group: str) -> NDArray[np.int64]:
         """Return the owned nodes of a facet group or point support, local numbers (collective)."""

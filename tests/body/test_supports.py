@@ -87,8 +87,8 @@ def test_reactions_of_supports_with_common_nodes_sum_to_the_weight(
     with dj.Results(path) as results:
         for stream, tolerance in (("statics", 1e-9), ("histories", 1e-6)):
             for name, force in (("base", base), ("sides", sides), ("point (1 0)", point)):
-                found = results.series(stream, f"reaction/{name}")[-1]
-                np.testing.assert_allclose(found, force, rtol=0, atol=tolerance * WEIGHT)
+                recorded = results.series(stream, f"reaction/{name}")[-1]
+                np.testing.assert_allclose(recorded, force, rtol=0, atol=tolerance * WEIGHT)
 
 
 def test_a_linear_displacement_of_the_boundary_is_that_of_the_body(two_rectangles_file, read):

@@ -48,6 +48,7 @@ from dolfinx_joints.geometry.meshing.step_options import (
 
 _NAMELESS = "Open CASCADE STEP translator"  # label that Open CASCADE writes for unnamed solids
 _UNIT = "Geometry.OCCTargetUnit"
+_GMSH = f"Gmsh declares millimetres; set its option {_UNIT} to 'M' before the export"
 _FUZZY = "Geometry.ToleranceBoolean"
 _BOUNDS = "Geometry.OCCBoundsUseStl"  # otherwise boxes contain the control points of splines
 _OPTIONS = {"Geometry.OCCImportLabels": 1, "Geometry.OCCScaling": 1e-3, _FUZZY: 0.0, _BOUNDS: 1}
@@ -237,12 +238,11 @@ def _read(step: Path, described: int, scale: float) -> list[tuple[int, str]]:
 def _extent(step: Path, size: float) -> float:
     """Return the largest extent of the body [m], after checking it against the cell size."""
     extent = float(np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)), axis=0).max())
-    body, unit = f"the body in {step} is {extent:.3g} m long", "the unit of length in the file"
-    remedy = f"Check {unit}: Gmsh declares millimetres; set its option {_UNIT} to 'M' before export"
+    unit = f"the body in {step} is {extent:.3g} m long; check its unit of length ({_GMSH})"
     if size > extent:
-        raise ValueError(f"size is {size:g} m, but {body}. {remedy}, or choose a smaller size.")
+        raise ValueError(f"size is {size:g} m, but {unit}, or choose a smaller size.")
     if not 1.0 <= extent <= 2e4:
-        warn(f"{body[0].upper()}{body[1:]}; 1 m to 20 km is usual. {remedy}.", PlausibilityWarning)
+        warn(f"{unit[0].upper()}{unit[1:]}; 1 m to 20 km is usual.", PlausibilityWarning)
     return extent
 
 

@@ -245,16 +245,17 @@ class Constraints:
                 nodes = self.points[place_of(support)] = _node_of_point(jointed, V, support)
             dofs = (bs * nodes[:, None] + components).ravel()
             if isinstance(support, ViscousBoundary):
-                static_only += [(support.group, dofs)] if support.in_statics == "held" else []
+                held = support.in_statics == "held"
+                static_only.append((support.group, dofs if held else dofs[:0]))
                 continue
             constrained.append((place_of(support), dofs))
             if isinstance(support, Prescribed):
                 self._prescribed.append((dofs, x[nodes], support))
         _check_not_both(supports)
-        clamped = [s for s in supports if isinstance(s, Fixed | Prescribed) and s.point is None]
-        self.groups = tuple(dict.fromkeys(place_of(support) for support in clamped))
+        places = dict.fromkeys(place for place, _ in constrained)
+        self.groups = tuple(place for place in places if place not in self.points)
         # First support that constrains each owned dof, or -1; viscous boundaries come last.
-        self._names = list(dict.fromkeys(place for place, _ in constrained + static_only))
+        self._names = [*(places | dict.fromkeys(place for place, _ in static_only))]
         self._first = np.full((V.dofmap.index_map.size_local, bs), -1)
         for place, dofs in reversed(constrained + static_only):
             self._first.flat[dofs] = self._names.index(place)

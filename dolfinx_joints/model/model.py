@@ -353,8 +353,7 @@ class Model(Summarised):
         """Return the sum of nodal forces over the nodes of a group, (gdim,), [N] (collective).
 
         The group is a facet group or a support at a point (`Constraints.points`). For reactions,
-        the sum is the force of the support on the body; a component that several supports constrain
-        counts only in the first, so the forces of all supports sum to the total.
+        the sum is the force of the support on the body; a component counts in its first support.
         """
         owned, nodes = self.V.dofmap.index_map.size_local, self.nodes(group)
         values = force.getArray(readonly=True)[: owned * self.gdim].reshape(-1, self.gdim)[nodes]

@@ -60,8 +60,7 @@ class ResultsMonitor(Monitor):
         path: Path of the file.
         points: Monitor points by name, coordinates [m] or a `Probe`; nearest nodes are used.
         every: Steps between two states.
-        metadata: Further information on the run that can be stored as JSON. ``checks`` sets the
-            arguments of `checks` in reports, such as ``{"kind": "arch", "crest": "crest"}``.
+        metadata: Further information, storable as JSON; ``checks`` has arguments of `checks`.
         overwrite: Replace an existing file.
         envelopes: Record envelopes of principal, arch and cantilever stresses, including the static
             state, on the whole boundary (in 2-D in all cells) or on the named facet groups. They
@@ -116,7 +115,7 @@ class ResultsMonitor(Monitor):
         if isinstance(checks := (self.metadata or {}).get("checks"), Mapping):
             from dolfinx_joints.postprocessing.criteria.checks import check_arguments
 
-            check_arguments(checks, self._points)
+            check_arguments(self._points, **checks)
         self._backup = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None
         self._prepared_model: Model | None = None

@@ -270,8 +270,8 @@ def synthetic_motion(
         duration: time of the last sample [s], rounded to a whole number of steps.
         dt: time between samples [s].
         peaks_g: largest absolute value of x, y, z, in units of standard gravity.
-        band: lowest and highest frequency of the sines [Hz]. By default 0.5 Hz, or 1/duration if
-            that is higher, to 15 Hz, or 0.5/dt if that is lower.
+        band: lowest and highest frequency of the sines [Hz]; by default 0.5 and 15 Hz, at
+            least 1/duration and at most 0.5/dt.
 
     Example:
         >>> import dolfinx_joints as dj

@@ -297,11 +297,10 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
     areas = free_areas(results, joint)
     shares = areas / areas.sum()
     is_late = time >= time[-1] - tail
-    drift = slip_in_tail(results, joint, tail=tail)[0]
     measures = {
         "opening_static": float(static.max()),
         "opening_residual": float((opening[is_late].mean(axis=0) - static).max()),
-        "slip_residual": drift,
+        "slip_residual": slip_in_tail(results, joint, tail=tail)[0],
         "share_broken": 0.0,
     }
     if has_bonds(results, joint):
@@ -325,18 +324,16 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
 
 
 def slip_in_tail(results: Results, joint: str, *, tail: float = 1.0) -> tuple[float, float]:
-    """Return mean and variation of the slip of a joint over the last ``tail`` seconds [m].
+    """Return mean (``slip_residual``) and variation of the slip over the last seconds [m].
 
-    The mean is ``slip_residual`` of `joint_measures`. The variation is the largest distance of a
-    point's slip from its mean, over points and stored states.
+    The variation is the largest distance of a point's slip from its mean in the stored states.
     """
     time = results.time("states")
     rows = slice(int(np.searchsorted(time, time[-1] - tail)), len(time))
     slip = (gaps(results, "states", joint, rows) - zero_gap(results, joint))[..., 1:]
     mean = slip.mean(axis=0)
-    sizes = (float(np.linalg.norm(values, axis=-1).max()) for values in (mean, slip - mean))
-    largest, variation = sizes
-    return largest, variation
+    size, variation = (float(np.linalg.norm(x, axis=-1).max()) for x in (mean, slip - mean))
+    return size, variation
 
 
 def joint_shares(*runs: Results) -> list[Quantity]:

@@ -339,10 +339,7 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
 
     The quantities are largest opening, slip and pressure, mean pressure and mobilised friction,
     which is 1 / safety: a joint slides at 1. The joint with the largest value is coloured, and the
-    legend gives its value and time. The others are grey.
-
-    Returns:
-        The panels. All are in the figure ``panels[0].figure``.
+    legend gives its value and time. The others are grey. The figure is ``panels[0].figure``.
     """
     check_results(results)
     if not results.joints:

@@ -149,8 +149,8 @@ def deformed(
     largest = float(np.linalg.norm(displacement[body.seen], axis=1).max(initial=0.0))
     factor = round_scale(body.nodes[body.seen], largest) if scale is None else scale
     shape = Deformed(body, displacement, factor)
-    title = f"deformed shape {moment}, displacements x {factor:g}"
-    title += _largest_line(results, number, slip=True)
+    lines = _largest(results, number, slip=True)
+    title = f"deformed shape {moment}, displacements x {factor:g}{lines}"
     return shape.draw(cameras, frame, title)
 
 
@@ -224,7 +224,7 @@ def joint_map(
             legend(axes[0], ({"open": OPEN} if some_open else {}) | some_tied)
         colour_bar(figure, axes, cmap, limits, MAP_LABELS[quantity])
     subject = "joints" if joint is None else joint
-    widest = _largest_line(results, number) if quantity == "opening" else ""
+    widest = _largest(results, number) if quantity == "opening" else ""
     figure.suptitle(f"{subject} {moment}{widest}{note}", fontsize="medium")
     return figure
 
@@ -343,16 +343,14 @@ def _face_viewer(points: Floats, axes: Floats, camera: Camera) -> Floats:
     return (points - middle) @ rotation.T + middle
 
 
-def _largest_line(results: Results, number: int, *, slip: bool = False) -> str:
+def _largest(results: Results, number: int, *, slip: bool = False) -> str:
     """Return lines for a title: largest opening, and slip, at a record, with their joints."""
     gap = {joint: gaps(results, "states", joint, number) for joint in results.joints}
-    largest = {"widest opening": {joint: g[:, 0].max(initial=0.0) for joint, g in gap.items()}}
+    sizes = {"widest opening": {joint: values[:, 0] for joint, values in gap.items()}}
     if slip:
-        sizes = {joint: np.linalg.norm(g[:, 1:], axis=1) for joint, g in gap.items()}
-        largest["largest slip"] = {joint: size.max(initial=0.0) for joint, size in sizes.items()}
+        sizes["largest slip"] = {j: np.linalg.norm(v[:, 1:], axis=1) for j, v in gap.items()}
     text = ""
-    for name, values in largest.items():
-        joint = max(values, key=lambda one: values[one], default="")
-        if joint and values[joint] > 0.0:
-            text += f"\n{name} {1e3 * values[joint]:.2f} mm, {joint}"
+    for name, of_joints in sizes.items():
+        size, joint = max(((v.max(initial=0.0), j) for j, v in of_joints.items()), default=(0, ""))
+        text += f"\n{name} {1e3 * size:.2f} mm, {joint}" if size > 0.0 else ""
     return text

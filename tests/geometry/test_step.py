@@ -394,8 +394,8 @@ def test_solids_that_nearly_touch(tmp_path, gap, joined):
         (
             {"a": (0, 0, 0, 900, 900, 900)},
             3,
-            r"size is 1 m, but the body in .* is 0.9 m long\. Check the unit of length in "
-            r"the file: Gmsh .* option Geometry.OCCTargetUnit to 'M' before export",
+            r"size is 1 m, but the body in .* is 0.9 m long; check its unit of length "
+            r"\(Gmsh .* option Geometry.OCCTargetUnit to 'M' before the export",
         ),
     ],
     ids=["faces only", "overlap", "gap", "size"],

@@ -13,7 +13,7 @@ at 2.
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -47,7 +47,6 @@ CRITERIA: dict[str, tuple[str, str, float | None, float | None]] = {
     "residual_slip": ("residual slip, mean of the last second", "m", None, None),
     "drift": ("crest displacement / height", "-", None, None),
 }
-
 
 # The slip at the end is not residual if it varies by more than this share in the last second.
 AT_REST = 0.1
@@ -116,7 +115,7 @@ def checks(
     check_results(results)
     if groups is None and "mesh/cells" in results.statics:
         groups = jointed_groups(results)
-    check_limits(limits)
+    check_arguments((), **limits)
     allowed = {name: row[2 if kind == "gravity" else 3] for name, row in CRITERIA.items()} | limits
     values: list[Found] = [_drift(results, groups, crest)]
     for joint in results.joints if "states" in results.streams else ():
@@ -142,21 +141,15 @@ def checks(
     return Checks(rows)
 
 
-def check_limits(limits: Mapping[str, Any]) -> None:
-    """Check names and values of limits."""
-    for name, limit in limits.items():
+def check_arguments(points: Collection[str], **given: Any) -> None:
+    """Check arguments of `checks` for a run with these monitor points."""
+    check_choice("checks: kind", given.pop("kind", "gravity"), ("gravity", "arch"))
+    if (crest := given.pop("crest", None)) is not None:
+        check_choice("checks: crest", crest, points)
+    given.pop("groups", None)
+    for name, limit in given.items():
         fits = name in CRITERIA and (limit is None or real(limit) >= 0.0)
         check_kind_of(name, limit, fits, f"a limit of zero or more of {', '.join(CRITERIA)}")
-
-
-def check_arguments(given: Mapping[str, Any], points: Collection[str]) -> None:
-    """Check arguments of `checks`, given in advance for a run with these monitor points."""
-    arguments: dict[str, Any] = {"kind": "gravity", "groups": None, "crest": None, **given}
-    check_choice("checks: kind", arguments.pop("kind"), ("gravity", "arch"))
-    if (crest := arguments.pop("crest")) is not None:
-        check_choice("checks: crest", crest, points)
-    del arguments["groups"]
-    check_limits(arguments)
 
 
 def _sliding(results: Results, joint: str) -> Iterator[Found]:

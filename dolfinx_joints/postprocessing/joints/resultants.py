@@ -113,8 +113,7 @@ class JointResultants(_Resultants):
         geometry: Centroid, mean normal, area, flatness.
         force: Effective force in global axes, shape (..., 3), [N].
         moment: Effective moment about the centroid, shape (..., 3), [N m].
-        water_force: Force of the water in the joint, shape (..., 3), [N]; None without water, and
-            from `JointForces` without its argument ``pressure``.
+        water_force: Force of the water in the joint, shape (..., 3), [N]; None without water.
         water_moment: Moment of the water about the centroid, shape (..., 3), [N m].
         contact: Share of the area under pressure, t_n < 0, without tied points, shape (...).
         compression: Integral of the pressure over the area, including tension at intact bonds,

@@ -47,6 +47,8 @@ from dolfinx_joints.geometry.meshing.step_options import (
 )
 
 _NAMELESS = "Open CASCADE STEP translator"  # label that Open CASCADE writes for unnamed solids
+_UNIT = "Geometry.OCCTargetUnit"
+_GMSH = f"Gmsh declares millimetres; set its option {_UNIT} to 'M' before the export"
 _FUZZY = "Geometry.ToleranceBoolean"
 _BOUNDS = "Geometry.OCCBoundsUseStl"  # otherwise boxes contain the control points of splines
 _OPTIONS = {"Geometry.OCCImportLabels": 1, "Geometry.OCCScaling": 1e-3, _FUZZY: 0.0, _BOUNDS: 1}
@@ -119,11 +121,11 @@ def from_step(
     has_names = any(isinstance(where, str) for where in (surfaces or {}).values())
     labels = face_names(step) if has_names else []
     with gmsh_model.gmsh_session():
-        unit = gmsh.option.getString("Geometry.OCCTargetUnit")
+        unit = gmsh.option.getString(_UNIT)
         numbers = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
         # Open CASCADE uses the unit of the last file for all files that it writes later in the
         # process; restore its default, millimetres.
-        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
+        gmsh.option.setString(_UNIT, "MM")
         for name, value in _OPTIONS.items():
             gmsh.option.setNumber(name, value)
         gmsh.option.setNumber("Mesh.SecondOrderLinear", 0)  # move nodes to the curved faces
@@ -143,7 +145,7 @@ def from_step(
             mesh_solids(size, joint_size, faces, order)
             gmsh_model.save(path, gui, duplicated)
         finally:
-            gmsh.option.setString("Geometry.OCCTargetUnit", unit)
+            gmsh.option.setString(_UNIT, unit)
             for name, value in numbers.items():
                 gmsh.option.setNumber(name, value)
     return path
@@ -236,7 +238,7 @@ def _read(step: Path, described: int, scale: float) -> list[tuple[int, str]]:
 def _extent(step: Path, size: float) -> float:
     """Return the largest extent of the body [m], after checking it against the cell size."""
     extent = float(np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)), axis=0).max())
-    unit = f"the body in {step} is {extent:.3g} m long; check its unit of length"
+    unit = f"the body in {step} is {extent:.3g} m long; check its unit of length ({_GMSH})"
     if size > extent:
         raise ValueError(f"size is {size:g} m, but {unit}, or choose a smaller size.")
     if not 1.0 <= extent <= 2e4:

@@ -220,8 +220,8 @@ class Constraints:
     def __init__(self, jointed: JointedMesh, V: Any, supports: list[Support]) -> None:
         """Locate the dofs (collective)."""
         gdim, bs = jointed.mesh.geometry.dim, V.dofmap.index_map_bs
-        fixed: list[Ints] = []
-        static_only: list[Ints] = []
+        constrained: list[tuple[str, Ints]] = []
+        static_only: list[tuple[str, Ints]] = []
         self._prescribed: list[tuple[Ints, Floats, Prescribed]] = []
         self._comm, self._V, self.points = jointed.mesh.comm, V, dict[str, Ints]()
         x = V.tabulate_dof_coordinates()
@@ -244,24 +244,36 @@ class Constraints:
             else:
                 nodes = self.points[place_of(support)] = _node_of_point(jointed, V, support)
             dofs = (bs * nodes[:, None] + components).ravel()
+            if isinstance(support, ViscousBoundary):
+                held = support.in_statics == "held"
+                static_only.append((support.group, dofs if held else dofs[:0]))
+                continue
+            constrained.append((place_of(support), dofs))
             if isinstance(support, Prescribed):
                 self._prescribed.append((dofs, x[nodes], support))
-            elif isinstance(support, ViscousBoundary):
-                static_only += [dofs] if support.in_statics == "held" else []
-            else:
-                fixed.append(dofs)
         _check_not_both(supports)
-        clamped = [s for s in supports if isinstance(s, Fixed | Prescribed) and s.point is None]
-        self.groups = tuple(dict.fromkeys(place_of(support) for support in clamped))
-        parts = [np.empty(0, dtype=np.int64), *fixed, *(dofs for dofs, *_ in self._prescribed)]
+        places = dict.fromkeys(place for place, _ in constrained)
+        self.groups = tuple(place for place in places if place not in self.points)
+        # First support that constrains each owned dof, or -1; viscous boundaries come last.
+        self._names = [*(places | dict.fromkeys(place for place, _ in static_only))]
+        self._first = np.full((V.dofmap.index_map.size_local, bs), -1)
+        for place, dofs in reversed(constrained + static_only):
+            self._first.flat[dofs] = self._names.index(place)
+        parts = [np.empty(0, dtype=np.int64), *(dofs for _, dofs in constrained)]
         self.dofs = np.unique(np.concatenate(parts))
         self._shared = self._shared_dofs()
-        self.static_dofs = np.unique(np.concatenate([self.dofs, *static_only]))
+        self.static_dofs = np.unique(np.concatenate([self.dofs, *(d for _, d in static_only)]))
 
     @property
     def moves(self) -> bool:
         """True if a displacement is prescribed."""
         return bool(self._prescribed)
+
+    def counts(self, group: str, nodes: Ints) -> NDArray[np.bool_]:
+        """Return False for forces at a group's nodes that count in another support, (n, gdim)."""
+        first = self._first[nodes]
+        own = self._names.index(group) if group in self._names else first
+        return (first == own) | (first == -1)
 
     def values(self, time: float, *, static: bool = False) -> NDArray[np.float64]:
         """Return the displacements (n,) [m] of `dofs` or `static_dofs` at a time [s] (collective).

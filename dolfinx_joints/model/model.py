@@ -350,14 +350,14 @@ class Model(Summarised):
         return patterns
 
     def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:
-        """Return the sum of nodal forces over the nodes of a group, (gdim,), [N] (collective).
+        """Return the sum of forces over a facet group or point support, (gdim,), [N] (collective).
 
-        The group is a facet group or a support at a point (`Constraints.points`). For reactions,
-        the sum is the force of the support on the body. A node in several groups counts in each.
+        The sum of reactions is the force of the support; a component counts in its first support.
         """
-        owned = self.V.dofmap.index_map.size_local
-        values = force.getArray(readonly=True)[: owned * self.gdim].reshape(-1, self.gdim)
-        return summed(self.jointed.mesh.comm, values[self.nodes(group)].sum(axis=0))
+        nodes, owned = self.nodes(group), self.V.dofmap.index_map.size_local * self.gdim
+        values = force.getArray(readonly=True)[:owned].reshape(-1, self.gdim)[nodes]
+        counted = np.where(self.constraints.counts(group, nodes), values, 0.0).sum(axis=0)
+        return summed(self.jointed.mesh.comm, counted)
 
     def nodes(self, group: str) -> NDArray[np.int64]:
         """Return the owned nodes of a facet group or point support, local numbers (collective)."""

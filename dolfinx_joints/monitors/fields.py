@@ -128,7 +128,8 @@ class StageFields:
         values |= {"name": stage_bytes(stage.name), "load_time": stage.time}
         values["point_displacement"] = self._probe.read(state.displacement)
         # In static stages viscous boundaries act as supports.
-        for group in dict.fromkeys((*self._model.constraints.groups, *self._model.absorbing)):
+        clamped, absorbing = self._model.constraints, self._model.absorbing
+        for group in dict.fromkeys((*clamped.groups, *clamped.points, *absorbing)):
             values[f"reaction/{group}"] = self._model.resultant(state.reaction, group)
         if self._envelopes is not None:
             present = self._present(self._envelopes, state.absent)

@@ -129,8 +129,8 @@ class JointForces:
 
         Args:
             joints: Response of the joints, such as ``StaticState.joints`` or ``Record.joints``.
-            pressure: Water pressure at the local joint points, shape (n,), [Pa]; without it no
-                water forces are returned.
+            pressure: Water pressure at the local joint points, shape (n,), [Pa], such as
+                ``simulation.stages[-1].pressure``; without it the water forces are None.
         """
         gap, resultants = joints.state.gap, {}
         points = JointPoints(gap, gap[:, 1:], joints.traction, self.cohesion(joints))

@@ -60,7 +60,7 @@ class ResultsMonitor(Monitor):
         path: Path of the file.
         points: Monitor points by name, coordinates [m] or a `Probe`; nearest nodes are used.
         every: Steps between two states.
-        metadata: Further information on the run that can be stored as JSON.
+        metadata: Further information, storable as JSON; ``checks`` has arguments of `checks`.
         overwrite: Replace an existing file.
         envelopes: Record envelopes of principal, arch and cantilever stresses, including the static
             state, on the whole boundary (in 2-D in all cells) or on the named facet groups. They
@@ -112,6 +112,10 @@ class ResultsMonitor(Monitor):
             raise ValueError("strength needs recorded stresses: set envelopes=True as well.")
         self._doubts: list[str] | None = None  # warnings of strengths
         self._path, self._points = Path(self.path), check_points(self.points)
+        if isinstance(checks := (self.metadata or {}).get("checks"), Mapping):
+            from dolfinx_joints.postprocessing.criteria.checks import check_arguments
+
+            check_arguments(self._points, **checks)
         self._backup = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None
         self._prepared_model: Model | None = None
@@ -270,9 +274,8 @@ class ResultsMonitor(Monitor):
             self._directions = self._envelopes.directions
         self._rows = None if model.operator is None else JointRows(model.operator)
         self._mesh, self._mesh_sha256 = body_mesh(model, self._nodes, self._rows)
-        self._stage_fields = StageFields(
-            model, self._nodes, self._rows, self._probe, self._envelopes
-        )
+        parts = self._nodes, self._rows, self._probe, self._envelopes
+        self._stage_fields = StageFields(model, *parts)
         self._resolved = resolution(model)
         self._prepared_model = self._model = model
 
@@ -289,10 +292,7 @@ class ResultsMonitor(Monitor):
             forces = ResultantsStream(model, self._nodes, self._rows, first.wet_joints)
             self._series.resultants = forces
         if self.static_part and first.static_part is None:
-            raise JointsError(
-                "static_part=True needs a DifferingMotion of the supports; the ground moves "
-                "uniformly."
-            )
+            raise JointsError("static_part=True needs a DifferingMotion of the supports.")
 
     def state_dict(self) -> dict[str, Any]:
         """Flush the file; return record counts and data for the next record (collective)."""

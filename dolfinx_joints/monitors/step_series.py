@@ -53,6 +53,8 @@ class StepSeries:
         at_supports = np.concatenate([np.empty(0, dtype=np.int64), *nodes])
         self._dofs = model.gdim * at_supports + np.arange(model.gdim)[:, None]
         self._ends = np.cumsum([0, *map(len, nodes)])
+        counts = map(model.constraints.counts, self._supports, nodes)
+        self._counts = np.concatenate([np.empty((0, model.gdim), dtype=bool), *counts]).T
         self.last: tuple[float, Floats | None] = (-np.inf, None)
         self._steps: list[tuple[Any, ...]] = []
         self._extremes: JointExtremesStream | None = None
@@ -114,7 +116,7 @@ class StepSeries:
         histories = self._motion(times, *self._moved[: 3 if self.static else 2, :count])
         histories |= _shares(counts)
         histories |= {name: _stacked([step[name] for step in ground]) for name in ground[0]}
-        at_nodes, ends = self._reactions[:count], pairwise(self._ends)
+        at_nodes, ends = self._reactions[:count] * self._counts, pairwise(self._ends)
         sums = np.array([at_nodes[..., start:stop].sum(axis=-1) for start, stop in ends])
         forces = summed(self._model.jointed.mesh.comm, sums)
         histories |= zip([f"reaction/{name}" for name in self._supports], forces, strict=True)

@@ -255,7 +255,7 @@ def synthetic_motion(
     duration: Seconds = 11.165,
     dt: Seconds = 0.005,
     peaks_g: Annotated[Sequence[float], at.Len(3, 3), at.Ge(0.0)] = (0.4, 0.4, 0.3),
-    band: tuple[float, float] = (0.5, 15.0),
+    band: tuple[float, float] | None = None,
 ) -> Motion:
     """Make a reproducible synthetic accelerogram.
 
@@ -270,7 +270,8 @@ def synthetic_motion(
         duration: time of the last sample [s], rounded to a whole number of steps.
         dt: time between samples [s].
         peaks_g: largest absolute value of x, y, z, in units of standard gravity.
-        band: lowest and highest frequency of the sines [Hz].
+        band: lowest and highest frequency of the sines [Hz]; by default 0.5 and 15 Hz, at
+            least 1/duration and at most 0.5/dt.
 
     Example:
         >>> import dolfinx_joints as dj
@@ -278,7 +279,7 @@ def synthetic_motion(
         >>> (motion.peak / 9.80665).round(6)
         array([0.2, 0.2, 0.1])
     """
-    low, high = band
+    low, high = band = band or (max(0.5, 1.0 / duration), min(15.0, 0.5 / dt))
     if not 1.0 / duration <= low < high <= 0.5 / dt:
         raise RecordError(
             f"band must rise from {1.0 / duration:.4g} Hz (1/duration) or more to at most "
@@ -288,6 +289,8 @@ def synthetic_motion(
     frequency = np.arange(np.ceil(low * duration), np.floor(high * duration) + 1) / duration
     edge = 0.25 * (high - low)
     amplitude = fall(frequency, high - edge, high) * (1.0 - fall(frequency, low, low + edge))
+    if not amplitude.any():
+        raise RecordError(f"The band {shown(band)} Hz has no sine; increase band or duration.")
     raw = np.random.PCG64(seed).random_raw((3, frequency.size))
     phase = 2.0 * np.pi * (raw >> np.uint64(11)).astype(np.float64) * 2.0**-53
     blocks = np.array_split(time, 1 + time.size * frequency.size // 10_000_000)

@@ -259,9 +259,9 @@ def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, di
     By joint, over the records of ``states``, with opening and slip as in :func:`joint_history`:
 
     - ``opening_static`` [m]: the largest opening in the static state;
-    - ``opening_residual`` and ``slip_residual`` [m]: the largest residual change since the static
-      state. It is averaged at each point over the last ``tail`` seconds, the slip as a vector, to
-      filter out remaining vibrations;
+    - ``opening_residual`` and ``slip_residual`` [m]: the largest change since the static state,
+      averaged at each point over the last ``tail`` seconds, the slip as a vector. It is residual
+      only if the motion has ended (`slip_in_tail`); `to_rest` leads to the state at rest;
     - ``share_open``, ``share_sliding`` and ``share_frictionless`` (closed without friction): the
       share of the joint area with this ``status``, averaged over the records. In a file without
       ``status``, points without traction are open and the other two shares are NaN;
@@ -297,11 +297,10 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
     areas = free_areas(results, joint)
     shares = areas / areas.sum()
     is_late = time >= time[-1] - tail
-    drift = (gap[is_late] - zero)[..., 1:].mean(axis=0)
     measures = {
         "opening_static": float(static.max()),
         "opening_residual": float((opening[is_late].mean(axis=0) - static).max()),
-        "slip_residual": float(np.linalg.norm(drift, axis=-1).max()),
+        "slip_residual": slip_in_tail(results, joint, tail=tail)[0],
         "share_broken": 0.0,
     }
     if has_bonds(results, joint):
@@ -322,6 +321,19 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
     for name, flags in zip(("open", "sliding", "frictionless"), flags_of_states, strict=True):
         measures[f"share_{name}"] = float((flags @ shares).mean())
     return {name: measures.get(name, np.nan) for name in JOINT_MEASURES}  # NaN in older files
+
+
+def slip_in_tail(results: Results, joint: str, *, tail: float = 1.0) -> tuple[float, float]:
+    """Return mean (``slip_residual``) and variation of the slip over the last seconds [m].
+
+    The variation is the largest distance of a point's slip from its mean in the stored states.
+    """
+    time = results.time("states")
+    rows = slice(int(np.searchsorted(time, time[-1] - tail)), len(time))
+    slip = (gaps(results, "states", joint, rows) - zero_gap(results, joint))[..., 1:]
+    mean = slip.mean(axis=0)
+    size, variation = (float(np.linalg.norm(x, axis=-1).max()) for x in (mean, slip - mean))
+    return size, variation
 
 
 def joint_shares(*runs: Results) -> list[Quantity]:

@@ -30,6 +30,7 @@ from dolfinx_joints.common.constants import ACCELERATION_BAND, STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.common.files import replacing
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.motions.motion import Hertz
 from dolfinx_joints.motions.processing import low_pass
 from dolfinx_joints.motions.spectra import (
@@ -105,6 +106,7 @@ def save(
     """
     from PIL import Image
 
+    check_kind_of("figure", figure, hasattr(figure, "figure"), "a figure, as panels[0].figure")
     place = Path(path)
     try:
         with replacing(place) as part:
@@ -336,8 +338,8 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
     """Draw series of each joint against time, one panel per quantity.
 
     The quantities are largest opening, slip and pressure, mean pressure and mobilised friction,
-    which is 1 / safety: a joint slides at 1. All joints are drawn. The joint with the largest value
-    is coloured, and the legend gives its value and time.
+    which is 1 / safety: a joint slides at 1. The joint with the largest value is coloured, and the
+    legend gives its value and time. The others are grey. The figure is ``panels[0].figure``.
     """
     check_results(results)
     if not results.joints:
@@ -348,10 +350,10 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
     panels: list[Axes] = list(drawn.subplots(len(rows), sharex=True))
     for ax, row in zip(panels, rows, strict=True):
         by_value: dict[float, tuple[str, Floats, Floats]] = {}
-        lowest, mobilised = 0.0, row.key == "mobilised"
+        grey, lowest, mobilised = dict[str, Any](), 0.0, row.key == "mobilised"
         for joint, extremes in extremes_of_joints.items():
             values: Floats = row.factor * extremes.values[row.key]
-            ax.plot(extremes.time, values, color="0.75", linewidth=0.7)
+            grey[joint] = ax.plot(extremes.time, values, color="0.75", linewidth=0.7)[0]
             finite = values[np.isfinite(values)]
             if finite.size:
                 lowest = min(lowest, float(finite.min()))
@@ -363,6 +365,9 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
             unit = f" {row.shown}" if row.shown else ""
             label = f"{joint}: {extreme:.3g}{unit} at {at_time:.6g} s"
             ax.plot(time, values, color=BLUE, linewidth=1.1, label=label)
+            others = [name for name in grey if name != joint]
+            for name in others[:1]:
+                grey[name].set_label(name if len(others) == 1 else f"{len(others)} other joints")
             legend(ax, "above")
         heading = row.heading.replace(" [", f"{since(results, row.key)}\n[")
         decorate(ax, "time [s]" if mobilised else "", heading)

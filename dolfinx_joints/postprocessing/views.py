@@ -129,8 +129,9 @@ def deformed(
 ) -> Figure:
     """Draw the deformed body, coloured by the magnitude of the displacement, with its joints.
 
-    Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``, by
-    default a round number that draws the largest at about 6 % of the model's size.
+    Thin lines are the outline of the undeformed body. Opening and slip uncover faces of joints; the
+    title gives the largest of each; the slip is the tangential gap. Displacements are multiplied by
+    ``scale``, by default a round number that draws the largest at about 6 % of the model's size.
 
     Displacements are measured from the unloaded body, so that open joints are drawn open. With
     ``from_static`` they are measured from the static state, and joints show the change of their
@@ -148,7 +149,8 @@ def deformed(
     largest = float(np.linalg.norm(displacement[body.seen], axis=1).max(initial=0.0))
     factor = round_scale(body.nodes[body.seen], largest) if scale is None else scale
     shape = Deformed(body, displacement, factor)
-    title = f"deformed shape {moment}, displacements x {factor:g}" + _opening_line(results, number)
+    lines = _largest(results, number, slip=True)
+    title = f"deformed shape {moment}, displacements x {factor:g}{lines}"
     return shape.draw(cameras, frame, title)
 
 
@@ -222,7 +224,7 @@ def joint_map(
             legend(axes[0], ({"open": OPEN} if some_open else {}) | some_tied)
         colour_bar(figure, axes, cmap, limits, MAP_LABELS[quantity])
     subject = "joints" if joint is None else joint
-    widest = _opening_line(results, number) if quantity == "opening" else ""
+    widest = _largest(results, number) if quantity == "opening" else ""
     figure.suptitle(f"{subject} {moment}{widest}{note}", fontsize="medium")
     return figure
 
@@ -341,13 +343,14 @@ def _face_viewer(points: Floats, axes: Floats, camera: Camera) -> Floats:
     return (points - middle) @ rotation.T + middle
 
 
-def _opening_line(results: Results, number: int) -> str:
-    """Return a line for a title: the largest opening at a record and its joint."""
-    widest = {
-        joint: 1e3 * gaps(results, "states", joint, number)[:, 0].max(initial=0.0)
-        for joint in results.joints
-    }
-    if not widest:
-        return ""
-    joint = max(widest, key=lambda name: widest[name])
-    return f"\nwidest opening {widest[joint]:.2f} mm, {joint}" if widest[joint] > 0.0 else ""
+def _largest(results: Results, number: int, *, slip: bool = False) -> str:
+    """Return lines for a title: largest opening, and slip, at a record, with their joints."""
+    gap = {joint: gaps(results, "states", joint, number) for joint in results.joints}
+    sizes = {"widest opening": {joint: values[:, 0] for joint, values in gap.items()}}
+    if slip:
+        sizes["largest slip"] = {j: np.linalg.norm(v[:, 1:], axis=1) for j, v in gap.items()}
+    text = ""
+    for name, of_joints in sizes.items():
+        size, joint = max(((v.max(initial=0.0), j) for j, v in of_joints.items()), default=(0, ""))
+        text += f"\n{name} {1e3 * size:.2f} mm, {joint}" if size > 0.0 else ""
+    return text

@@ -238,8 +238,8 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
     # From `joint_measures`, not in files; the end of this module adds rows from "joints".
     "measures": (
         Q("opening_static", "m", "opening in the {zero}", "mm"),
-        Q("opening_residual", "m", "residual opening", "mm"),
-        Q("slip_residual", "m", "residual slip", "mm"),
+        Q("opening_residual", "m", "residual opening, mean of the last second", "mm"),
+        Q("slip_residual", "m", "residual slip, mean of the last second", "mm"),
         Q("share_open", "-", "open", "%"),
         Q("share_sliding", "-", "sliding", "%"),
         Q("share_frictionless", "-", "closed without friction", "%"),

@@ -130,7 +130,7 @@ def factor_of_safety(
     missing = tuple(n for n, load in named if not any(load is one for one in acting))
     state = trials.state({"missing": missing})
     acceleration = trials.acceleration(upper) if upper < math.inf else None
-    simulation.add_stage(stage_record(model, name, time, state, acting))
+    simulation.add_stage(stage := stage_record(model, name, time, state, acting))
     if acceleration is not None:
         moved = replace(state, displacement=state.displacement + 0.5 * acceleration)  # after 1 s
         simulation.add_stage(stage_record(model, f"{name}, mechanism", time, moved, acting))
@@ -141,7 +141,7 @@ def factor_of_safety(
         of=of,
         trials=tuple(trials.trials),
         state=state,
-        resultants=JointForces(model)(state.joints),
+        resultants=JointForces(model)(state.joints, stage.pressure),
         acceleration=acceleration,
     )
 

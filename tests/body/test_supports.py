@@ -59,6 +59,38 @@ def test_a_point_on_a_joint_names_its_side(two_rectangles_file, read):
     assert model.resultant(state.reaction, "base")[1] < 0.9 * WEIGHT
 
 
+def test_reactions_of_supports_with_common_nodes_sum_to_the_weight(
+    comm, two_rectangles_file, read, new_path
+):
+    # The corners (0, 0) and (1, 0) are in "base" and "sides". The base constrains y first, so the
+    # rollers of the sides carry no weight; the sides constrain x of the corners before the base.
+    path = new_path("corners.h5")
+    supports = [
+        dj.Fixed(group="base", components="y"),
+        dj.Fixed(group="sides", components="x"),
+        dj.Fixed(group="base", components="x"),
+        dj.Fixed(point=(1.0, 0.0)),
+    ]
+    jointed = read(two_rectangles_file(angle=0.0), joints=[])
+    model = dj.Model(jointed, material=SOLID, supports=supports, loads=[dj.Gravity()])
+    simulation = dj.Simulation(model, monitors=[dj.ResultsMonitor(path, points={"top": (0, 2)})])
+    state = simulation.statics()
+    base, sides, point = (
+        model.resultant(state.reaction, name) for name in ("base", "sides", "point (1 0)")
+    )
+    small = dict(rtol=0, atol=1e-9 * WEIGHT)
+    np.testing.assert_allclose(base + sides + point, (0.0, WEIGHT), **small)
+    np.testing.assert_allclose(base[1], WEIGHT, **small)
+    np.testing.assert_array_equal(point, 0.0)
+    simulation.dynamics(dt=1e-3, steps=1)
+    comm.barrier()
+    with dj.Results(path) as results:
+        for stream, tolerance in (("statics", 1e-9), ("histories", 1e-6)):
+            for name, force in (("base", base), ("sides", sides), ("point (1 0)", point)):
+                recorded = results.series(stream, f"reaction/{name}")[-1]
+                np.testing.assert_allclose(recorded, force, rtol=0, atol=tolerance * WEIGHT)
+
+
 def test_a_linear_displacement_of_the_boundary_is_that_of_the_body(two_rectangles_file, read):
     # Patch test: u = A x t on the whole boundary of distorted cells.
     gradient = np.array([[1e-3, 4e-4], [-2e-4, 5e-4]])

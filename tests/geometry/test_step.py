@@ -394,7 +394,8 @@ def test_solids_that_nearly_touch(tmp_path, gap, joined):
         (
             {"a": (0, 0, 0, 900, 900, 900)},
             3,
-            r"size is 1 m, but the body in .* is 0.9 m long",
+            r"size is 1 m, but the body in .* is 0.9 m long; check its unit of length "
+            r"\(Gmsh .* option Geometry.OCCTargetUnit to 'M' before the export",
         ),
     ],
     ids=["faces only", "overlap", "gap", "size"],
@@ -459,3 +460,21 @@ def test_errors_of_the_script(tmp_path, capsys):
         script.main(["none.step", "--size", "1", "--surface", "base:z=low"])
     assert stop.value.code == 2
     assert "'base:z=low' is not NAME:AXIS=VALUE" in capsys.readouterr().err
+
+
+def test_gmsh_exports_metres_with_the_option_of_the_message(tmp_path):
+    """Boxes of 2 m: without the option, Gmsh would declare 2 mm."""
+    path = tmp_path / "metres.step"
+    with gmsh_model.gmsh_session():
+        unit = gmsh.option.getString("Geometry.OCCTargetUnit")
+        gmsh.option.setString("Geometry.OCCTargetUnit", "M")
+        for z in (0, 2):
+            gmsh.model.occ.addBox(0, 0, z, 2, 2, 2)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(path))
+        gmsh.option.setString("Geometry.OCCTargetUnit", unit)
+    from_step(tmp_path / "metres.msh", path, size=2)
+    with gmsh_model.gmsh_session():
+        gmsh.open(str(tmp_path / "metres.msh"))
+        nodes = gmsh.model.mesh.getNodes()[1].reshape(-1, 3)
+    np.testing.assert_allclose(nodes.max(axis=0), [2.0, 2.0, 4.0], atol=1e-9)

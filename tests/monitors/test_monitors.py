@@ -517,3 +517,18 @@ def test_where_points_went_is_told(comm, wall_file, read, new_path):
         assert "right at (10 0 20) m on joint_2+" in text
 
     on_root(comm, look)
+
+
+@pytest.mark.parametrize(
+    ("checks", "message"),
+    [
+        ({"slidng_safety": 1.1}, "slidng_safety is 1.1; it must be a limit of .*, sliding_safety"),
+        ({"drift": -1.0}, "drift is -1.0; it must be a limit of zero or more"),
+        ({"crest": "crst"}, "checks: crest is 'crst'; it must be one of crest, foot"),
+        ({"kind": "dam"}, "checks: kind is 'dam'; it must be one of gravity, arch"),
+    ],
+)
+def test_wrong_arguments_of_checks_are_errors_before_the_run(checks, message):
+    points = {"crest": (0, 0, 1), "foot": (0, 0, 0)}
+    with pytest.raises(ValueError, match=message):
+        dj.ResultsMonitor("never.h5", points=points, metadata={"checks": checks})

@@ -81,6 +81,9 @@ def test_stages_of_a_column(comm, column, new_path):
     with dj.Results(path) as results:
         assert (results.status, results.metadata["stage"]) == ("complete", "static")
         alone = check(comm, model, results, states)
+    wet = simulation.stages[1]
+    forces = dj.JointForces(model)(wet.state.joints, wet.pressure)["joint_1"]
+    np.testing.assert_allclose(forces.water_force, (0.0, 0.0, PORE * AREA), atol=1e-9 * PORE)
     simulation.dynamics(dt=1e-3, steps=2)
     with dj.Results(path) as results:
         assert results.rows("histories") == 3

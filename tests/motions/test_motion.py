@@ -170,6 +170,15 @@ def test_the_synthetic_motion_stays_in_its_band() -> None:
     assert np.all(power[outside].sum(axis=0) < 1e-4 * power.sum(axis=0))
 
 
+@pytest.mark.parametrize(("duration", "dt"), [(1.0, 0.005), (2.0, 0.1)])
+def test_the_default_band_fits_a_short_motion(duration: float, dt: float) -> None:
+    # From 1/duration instead of 0.5 Hz, and to 0.5/dt instead of 15 Hz.
+    band = (max(0.5, 1.0 / duration), min(15.0, 0.5 / dt))
+    short = synthetic_motion(duration=duration, dt=dt)
+    expected = synthetic_motion(duration=duration, dt=dt, band=band)
+    np.testing.assert_array_equal(short.acceleration, expected.acceleration)
+
+
 def test_the_synthetic_motion_is_the_same_everywhere() -> None:
     first, second = synthetic_motion(seed=7), synthetic_motion(seed=7)
     np.testing.assert_array_equal(first.acceleration, second.acceleration)
@@ -183,6 +192,7 @@ def test_the_synthetic_motion_is_the_same_everywhere() -> None:
     ("options", "message"),
     [
         ({"band": (8.0, 2.0)}, "band must rise from"),
+        ({"duration": 0.1}, r"The band \(10.0, 15.0\) Hz has no sine; increase band or duration"),
         ({"band": (1.0, 200.0)}, r"at most 100 Hz \(0.5/dt\), got \(1.0, 200.0\)"),
     ],
 )

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Response measures of files whose histories and joints can be worked out by hand."""
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,9 +12,10 @@ from declared import declare_envelopes, declare_histories, declare_states, decla
 from written_runs import SHARES
 
 from dolfinx_joints.common.constants import ACCELERATION_BAND
-from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.errors import PlausibilityWarning, ResultsError
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing.criteria.checks import checks
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.results.layout import stage_bytes
 from dolfinx_joints.results.reader import Results
@@ -288,6 +290,21 @@ def test_joint_measures(tmp_path: Path) -> None:
     assert found["joint_2"]["share_open"] == found["joint_2"]["share_sliding"] == 0.0
     last = measures.joint_measures(write_joint(tmp_path / "last.h5"), tail=0.0)
     assert last["joint_1"]["slip_residual"] == pytest.approx(1e-3)
+
+
+def test_a_slip_that_varies_at_the_end_is_not_residual(tmp_path: Path) -> None:
+    # The third point has 3 mm at 3 s and 1 mm at 4 s: mean 2 mm, distance from the mean 1 mm.
+    results = write_joint(tmp_path / "r.h5")
+    assert measures.slip_in_tail(results, "joint_1") == pytest.approx((2e-3, 1e-3))
+    assert measures.slip_in_tail(results, "joint_1", tail=0.0) == pytest.approx((1e-3, 0.0))
+    with pytest.warns(PlausibilityWarning, match="not ended.*joint_1.*run longer, or use to_rest"):
+        rows = checks(results, "gravity", residual_slip=5e-3)
+    moving, still = (row for row in rows if row.criterion.startswith("residual slip"))
+    assert moving.where == "joint_1 from the first record, varies by 1 mm in the last second"
+    assert (still.where, still.value) == ("joint_2 from the first record", 0.0)
+    with warnings.catch_warnings():  # no limit, no verdict
+        warnings.simplefilter("error")
+        checks(results, "gravity")
 
 
 def test_what_was_open_in_the_static_state_is_no_residual(tmp_path: Path) -> None:

@@ -144,6 +144,8 @@ def test_axes_given_are_drawn_on_and_saved(results: Results, tmp_path: Path) -> 
     assert path.read_bytes().startswith(b"\x89PNG")
     with pytest.raises(JointsError, match=r"figure\.png cannot be written: No such file"):
         plots.save(figure, tmp_path / "nowhere" / "figure.png")
+    with pytest.raises(ValueError, match=r"figure is \[.*it must be a figure, as panels"):
+        plots.save([upper], tmp_path / "figure.png")
     plots.save(upper.figure, tmp_path / "figure.pdf")
     assert (tmp_path / "figure.pdf").stat().st_size > 1000
     with pytest.raises(ValueError, match="Format '' is not supported"):  # there is no ending

@@ -143,6 +143,9 @@ def test_histories_of_joints(runs: tuple[Results, Results]) -> None:
         ).groups()
         factor = {" mm": 1e-3, " MPa": 1e6}.get(unit, 1.0)
         assert name == worst
+        grey = [line.get_label() for line in drawn[:-1] if line.get_label()[0] != "_"]
+        others = [joint for joint in own.joints if joint != worst]
+        assert grey == (others if len(others) == 1 else [f"{len(others)} other joints"])
         assert factor * float(value) == pytest.approx(np.max(each[worst]), rel=5e-3)
         assert float(when) == pytest.approx(time[np.argmax(each[worst])], rel=1e-5)
     gap = own.series("states", "joints/joint_2/gap")
@@ -215,13 +218,16 @@ def test_pictures_of_the_body(
         same(size, np.linalg.norm(u, axis=1))
         ticks = figure.axes[-1].get_yticks()
         assert set(contours.point_data["value"].round(9)) <= set(ticks.round(9))
-        title = figure.get_suptitle()
-        assert f"t = {own.time('states')[record]:.3f} s, displacements x 50" in title
-        widest = {
-            j: own.series("states", f"joints/{j}/gap", record)[:, 0].max() for j in own.joints
+        title = figure.get_suptitle().split("\n")
+        assert f"t = {own.time('states')[record]:.3f} s, displacements x 50" in title[0]
+        gap = {j: own.series("states", f"joints/{j}/gap", record) for j in own.joints}
+        sizes = {
+            "widest opening": {j: values[:, 0].max() for j, values in gap.items()},
+            "largest slip": {j: np.hypot(*values[:, 1:].T).max() for j, values in gap.items()},
         }
-        joint = max(widest, key=lambda name: widest[name])
-        assert title.endswith(f"widest opening {1e3 * widest[joint]:.2f} mm, {joint}")
+        for line, (quantity, of_joints) in zip(title[1:], sizes.items(), strict=True):
+            joint = max(of_joints, key=lambda name: of_joints[name])
+            assert line == f"{quantity} {1e3 * of_joints[joint]:.2f} mm, {joint}"
         for quantity in ("normal", "opening"):
             figure = views.joint_map(own, quantity, index=record)  # type: ignore[arg-type]
             label = figure.axes[-1].get_ylabel()

@@ -233,7 +233,7 @@ def test_deformed_opens_the_joint(results: Results, scenes) -> None:
     figure = views.deformed(results, time=1.0, scale=250.0)
     title = figure.get_suptitle()
     assert title.startswith("deformed shape at t = 1.000 s, displacements x 250")
-    assert title.endswith("widest opening 4.00 mm, joint_1")
+    assert "\nwidest opening 4.00 mm, joint_1" in title
     outer, lines, sides, _ = (data for data, _ in scenes[0].layers)
     assert (outer.n_cells, sides.n_cells) == (2 * (2 + 3 * ROWS), 2 * ROWS)
     # On the surface the joint of each side has two vertical edges of ROWS facets and two ends.

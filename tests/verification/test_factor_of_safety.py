@@ -101,6 +101,8 @@ def test_block_on_a_plane_with_cohesion_and_water(options):
     assert safety.factor < expected < safety.upper * (1.0 + 1e-9)
     # At failure the strength of the joint is F times its shear.
     assert float(safety.resultants["joint"].sliding_safety) == pytest.approx(expected, rel=1e-6)
+    water = np.linalg.norm(safety.resultants["joint"].water_force)
+    assert water == pytest.approx(pressure * LENGTH, rel=1e-9)  # 1 m thick
     assert safety.state.energy.relative_error < 1e-8
     assert run.static is before
     assert [s.name for s in run.stages[1:]] == [

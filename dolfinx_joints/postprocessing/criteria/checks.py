@@ -21,13 +21,14 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.parameters import check_kind_of, real
+from dolfinx_joints.common.errors import PlausibilityWarning, warn
+from dolfinx_joints.common.parameters import check_choice, check_kind_of, real
 from dolfinx_joints.postprocessing.body import Body, jointed_groups
 from dolfinx_joints.postprocessing.criteria.stresses import Found, StressRatios
 from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE
 from dolfinx_joints.postprocessing.frames import usual_reference, zero_name
 from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
-from dolfinx_joints.postprocessing.measures import displacement_history, joint_measures
+from dolfinx_joints.postprocessing.measures import displacement_history, slip_in_tail
 from dolfinx_joints.results.arguments import COMPONENTS, check_results
 from dolfinx_joints.results.joint_points import free_areas, since
 from dolfinx_joints.results.reader import Results
@@ -46,6 +47,9 @@ CRITERIA: dict[str, tuple[str, str, float | None, float | None]] = {
     "residual_slip": ("residual slip, mean of the last second", "m", None, None),
     "drift": ("crest displacement / height", "-", None, None),
 }
+
+# The slip at the end is not residual if it varies by more than this share in the last second.
+AT_REST = 0.1
 
 
 class Check(NamedTuple):
@@ -111,14 +115,15 @@ def checks(
     check_results(results)
     if groups is None and "mesh/cells" in results.statics:
         groups = jointed_groups(results)
-    for name, limit in limits.items():
-        fits = name in CRITERIA and (limit is None or real(limit) >= 0.0)
-        check_kind_of(name, limit, fits, f"a limit of zero or more of {', '.join(CRITERIA)}")
+    check_arguments((), **limits)
     allowed = {name: row[2 if kind == "gravity" else 3] for name, row in CRITERIA.items()} | limits
     values: list[Found] = [_drift(results, groups, crest)]
-    measures = joint_measures(results) if "states" in results.streams else {}
-    for joint, measured in measures.items():
-        values += _sliding(results, joint, measured["slip_residual"])
+    for joint in results.joints if "states" in results.streams else ():
+        values += _sliding(results, joint)
+    moving = [where for name, where, *_ in values if name == "residual_slip" and "varies" in where]
+    if moving and allowed["residual_slip"] is not None:
+        text = f"{results.path}: the motion has not ended, so slip is not residual ({moving[0]})"
+        warn(f"{text}; run longer, or use to_rest.", PlausibilityWarning)
     if DYNAMIC_TENSILE in results.statics:
         values += StressRatios(results, groups).demands(allowed["overstress_time"])
     rows, yes = [], "yes" if results.complete else f"so far ({results.status})"
@@ -136,7 +141,18 @@ def checks(
     return Checks(rows)
 
 
-def _sliding(results: Results, joint: str, residual_slip: float) -> Iterator[Found]:
+def check_arguments(points: Collection[str], **given: Any) -> None:
+    """Check arguments of `checks` for a run with these monitor points."""
+    check_choice("checks: kind", given.pop("kind", "gravity"), ("gravity", "arch"))
+    if (crest := given.pop("crest", None)) is not None:
+        check_choice("checks: crest", crest, points)
+    given.pop("groups", None)
+    for name, limit in given.items():
+        fits = name in CRITERIA and (limit is None or real(limit) >= 0.0)
+        check_kind_of(name, limit, fits, f"a limit of zero or more of {', '.join(CRITERIA)}")
+
+
+def _sliding(results: Results, joint: str) -> Iterator[Found]:
     """Yield the values of a joint."""
     extremes, areas = joint_extremes(results, joint), free_areas(results, joint)
     row = np.where(np.isnan(extremes.safety), np.inf, extremes.safety).argmin()
@@ -149,7 +165,10 @@ def _sliding(results: Results, joint: str, residual_slip: float) -> Iterator[Fou
             values = results.series("joint_maxima", f"{joint}/{series}", -1)
             mean = float(values @ areas / areas.sum())
         yield name, joint + since(results, name), mean, None
-    yield "residual_slip", joint + since(results, "slip"), residual_slip, None
+    where, (slip, variation) = joint + since(results, "slip"), slip_in_tail(results, joint)
+    if variation > AT_REST * slip:
+        where += f", varies by {1e3 * variation:.3g} mm in the last second"
+    yield "residual_slip", where, slip, None
 
 
 def _drift(results: Results, groups: Collection[str] | None, crest: str | None) -> Found:

@@ -191,7 +191,8 @@ def write_stages(
 def write_distinct(path: Path, seed: int = 1, **laws: dict[str, Any]) -> Path:
     """Write a run of two points and two joints in which all numbers, steps and records differ.
 
-    Sizes are those of a dam. Joints have friction unless ``laws`` has another law. Half of the points with a positive gap transmit nothing.
+    Sizes are those of a dam. Half of the points with a positive gap transmit nothing. The law of a
+    joint is friction, or that of ``laws``.
     """
     random = np.random.default_rng(seed)
     away = np.array([0.0, 2.0, 0.0])

@@ -104,16 +104,15 @@ def safety_against_sliding(
     cylinder.
 
     The safety is 1 if all points slide, and never less with the friction of the law, which limits
-    the shear of every point. Dashpots are not limited: with a `ViscousJoint` it may be below 1.
+    the shear of every point. Dashpots (`ViscousJoint`) add shear: it may be below 1.
     At a safety of 2, half of the total strength is used, but single points may slide. In a plane
     joint with shear in one direction, the safety is the ratio of the resultants, (mu N + c A) / V.
     Opposite shear tractions cancel in V but not in S: they reduce the safety.
 
-    The safety is infinite without shear, and NaN if no force is transmitted or the law has no
-    friction. It has the shape of the forces, which is arbitrary.
+    The safety is infinite without shear, and NaN if no force is transmitted or mu is NaN. It has the shape of the forces, which is arbitrary.
 
     Args:
-        friction: mu; NaN if the law is unknown or has no friction (`strength_of`).
+        friction: mu; NaN if the law is unknown, or has neither friction nor cohesion.
         compression: C, [N].
         shear_sum: S, [N].
         bond: c A, cohesion times the area with intact bonds, [N].
@@ -150,7 +149,7 @@ def open_points(gap: Floats, traction: Floats) -> Flags:
 
 
 def strength_of(results: Results, joint: str, angle: float | None) -> tuple[float, float]:
-    """Return friction coefficient and cohesion [Pa]; without friction and cohesion NaN and 0."""
+    """Return friction coefficient mu and cohesion [Pa]; mu is NaN if both are 0 or unknown."""
     law = results.law(joint)
     cohesion = float(law.get("cohesion", 0.0))
     if angle is None:

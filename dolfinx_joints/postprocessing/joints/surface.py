@@ -333,8 +333,8 @@ def _value(results: Results, joint: str, quantity: MapQuantity, number: int) -> 
     if quantity == "mobilised":
         if np.isnan(friction):
             raise ResultsError(
-                f"{results.path} has no friction of the joint {joint!r}, so its "
-                "mobilised friction is undefined; choose other joints."
+                f"{results.path} has no friction of the joint {joint!r}, so its mobilised "
+                "friction is undefined; choose other joints."
             )
         return mobilised_friction(friction, points)[0]
     values = 1e-6 * (points.traction[0, :, 0] if quantity == "normal" else points.shear[0])

@@ -188,10 +188,11 @@ def write_stages(
     return path
 
 
-def write_distinct(path: Path, seed: int = 1) -> Path:
+def write_distinct(path: Path, seed: int = 1, **laws: dict[str, Any]) -> Path:
     """Write a run of two points and two joints in which all numbers, steps and records differ.
 
-    Sizes are those of a dam. Half of the points with a positive gap transmit nothing.
+    Sizes are those of a dam. Half of the points with a positive gap transmit nothing. The law of a
+    joint is friction, or that of ``laws``.
     """
     random = np.random.default_rng(seed)
     away = np.array([0.0, 2.0, 0.0])
@@ -200,7 +201,7 @@ def write_distinct(path: Path, seed: int = 1) -> Path:
     nodes = np.concatenate([NODES, CUBE + away])
     surface = np.concatenate([SURFACE, FACES + 16])
     law = {"kind": "Friction", "friction_angle_deg": 35.0, "cohesion": 0.0}
-    facts = {"point_names": ["crest", "heel"], "laws": dict.fromkeys(joints, law)}
+    facts = {"point_names": ["crest", "heel"], "laws": dict.fromkeys(joints, law) | laws}
     time = np.concatenate([[0.0], np.cumsum(random.uniform(0.008, 0.012, 60))])
     with ResultsWriter(path, facts) as writer:
         declare_histories(writer, [[1.0, 0.0, 2.0], [0.0, 0.0, 0.0]], accelerations=True)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.postprocessing import measures, plots
-from dolfinx_joints.postprocessing.joints.extremes import drawn_series, joint_extremes
+from dolfinx_joints.postprocessing.joints.extremes import drawn_series, joint_extremes, strength_of
 from dolfinx_joints.postprocessing.joints.maps import JointMaps
 from dolfinx_joints.report.page import (
     Curve,
@@ -120,9 +120,13 @@ def _maps(content: Content, run: Run) -> list[Html]:
     ]
     if "status" not in {n.split("/")[-1] for n in run.results.streams["states"]}:
         drawn.pop()
-    if all(run.results.law(joint).get("friction_angle_deg") for joint in run.results.joints):
+    frictions = {name: strength_of(run.results, name, None)[0] for name in run.results.joints}
+    with_friction = [name for name, friction in frictions.items() if not np.isnan(friction)]
+    if with_friction:
         drawn.append(("mobilised", "mobilised", time, f"Mobilised friction at {moment}"))
     for name, quantity, at, words in drawn:
+        if quantity == "mobilised" and len(with_friction) < len(frictions):
+            maps = JointMaps(run.results, with_friction)
         picture = maps.draw(quantity, at)
         words += f", {run.label}"
         if at is not None:

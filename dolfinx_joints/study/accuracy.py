@@ -30,7 +30,7 @@ Time = Annotated[float, at.Gt(0.0), at.Unit("s")]
 
 GIVEN = "given"
 _STEP_ORDER = 2.0  # of the time schemes
-_WORKERS = 2  # other runs take 1.5 times as long as the given one; each worker loads the libraries
+_WORKERS = 2  # the other four of long runs together take 1.5 times as long as the given one
 _LONG = 4.0  # accelerations are compared in a band that steps of this factor resolve
 _PLANE, _QUADRATIC = (5, 9, 69, 70), 68  # VTK's numbers of plane cells; least one of Lagrange cells
 # Columns that precede the values in the rows of the runs.
@@ -173,7 +173,7 @@ def accuracy(
 ) -> Accuracy:
     """Estimate the errors of a run by runs with coarser steps and coarser cells.
 
-    The runs are the cases of a `Study`. Each worker makes its runs in one new interpreter. A second
+    The runs are the cases of a `Study`. Each run starts a new interpreter. A second
     call with the same folder makes only the runs that it lacks. Changes of the function are not
     detected.
 
@@ -203,7 +203,7 @@ def accuracy(
     cases = _with_earlier(Path(path), _cases(run, size, dt, steps, cells))
     study = Study(path, _Measured(run), cases)
     workers = workers or min(_WORKERS, len(os.sched_getaffinity(0)))
-    tally = study.run(workers=workers, retry_failed=True, share=True, progress=progress)
+    tally = study.run(workers=workers, retry_failed=True, progress=progress)
     if tally.failed:
         raise StudyError(f"An estimate needs all runs of {study.path}: {tally}")
     rows = read_rows(study.path / TABLE)

@@ -1,21 +1,18 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Cases of a study, which a worker runs in a separate Python interpreter.
+"""One case of a study, which a worker runs in a separate Python interpreter.
 
 The interpreter shares nothing with the worker, in particular not MPI. If a case crashes, the worker
-continues. If the worker ends, the case's standard input closes and the case ends too. A shared
-interpreter waits for the next case.
+continues. If the worker ends, the case's standard input closes and the case ends too.
 """
 
 from __future__ import annotations
 
 import fcntl
-import gc
 import json
 import multiprocessing
 import os
 import pickle
-import queue
 import shutil
 import subprocess
 import sys
@@ -41,7 +38,6 @@ _LONGEST_REASON = 2000  # characters
 # Environment variables of MPI launchers. They are removed: a case is not part of the MPI job.
 _MPI = ("OMPI_", "PMI_", "PMIX_", "PRTE_", "HYDRA_", "HYDI_", "MPI_LOCAL")
 _running: set[subprocess.Popen[bytes]] = set()
-_shared: dict[bytes, list[subprocess.Popen[bytes]]] = {}  # that wait for a case, by its function
 
 
 def packed(function: Function) -> bytes:
@@ -51,13 +47,10 @@ def packed(function: Function) -> bytes:
     return pickle.dumps((preparation, pickle.dumps(function)))
 
 
-def run_case(
-    name: str, work: bytes, folder: str, parameters: Mapping[str, Any], share: bool = False
-) -> Row:
+def run_case(name: str, work: bytes, folder: str, parameters: Mapping[str, Any]) -> Row:
     """Run a case in an empty folder and a new interpreter; return its row.
 
-    ``work`` is the `packed` function. With ``share`` the interpreter can be that of an earlier
-    case. If a killed runner left this case running, wait for its end.
+    ``work`` is the `packed` function. If a killed runner left this case running, wait for its end.
     """
     if parent := multiprocessing.parent_process():
         threading.Thread(target=_end_with_the_runner, args=(parent,), daemon=True).start()
@@ -67,8 +60,7 @@ def run_case(
         fcntl.flock(lock, fcntl.LOCK_EX)
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir()
-        outcome = _outcome(work, place, parameters, share)
-        row = {"case": name, "parameters": dict(parameters)} | outcome
+        row = {"case": name, "parameters": dict(parameters)} | _outcome(work, place, parameters)
     return row | {"wall_s": clock.perf_counter() - began}
 
 
@@ -80,46 +72,13 @@ def _end_with_the_runner(parent: BaseProcess) -> None:
 
 
 def end_cases() -> None:
-    """Kill the interpreters that this process has started."""
-    _shared.clear()
+    """Kill the cases that this process has started."""
     for process in list(_running):
-        _end(process)
+        process.kill()
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """Kill an interpreter unless it has ended."""
-    process.kill()
-    process.wait()
-    _running.discard(process)
-
-
-def _outcome(work: bytes, folder: Path, parameters: Mapping[str, Any], share: bool) -> Row:
+def _outcome(work: bytes, folder: Path, parameters: Mapping[str, Any]) -> Row:
     """Run a case; return its status, reason, values and peak memory."""
-    waiting = _shared.setdefault(work, []) if share else []
-    process = waiting.pop() if waiting else _interpreter()
-    assert process.stdin is not None
-    assert process.stdout is not None
-    outcome: Row = {"status": "failed", "values": {}, "peak_mb": float("nan")}
-    try:
-        with suppress(BrokenPipeError):
-            pickle.dump((work, folder, dict(parameters)), process.stdin)
-            process.stdin.flush()
-        if answer := process.stdout.readline():  # empty if the interpreter has ended
-            outcome = json.loads(answer)
-        else:
-            code = process.wait()
-            end = f"exit code {code}" if code >= 0 else f"signal {-code}"
-            outcome["reason"] = f"ended by {end}; see {folder / 'log.txt'}"
-    finally:
-        if share and outcome["status"] == "complete":
-            waiting.append(process)
-        else:
-            _end(process)
-    return outcome
-
-
-def _interpreter() -> subprocess.Popen[bytes]:
-    """Start an interpreter that runs cases."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(_MPI)}
     process = subprocess.Popen(
         [sys.executable, "-c", "from dolfinx_joints.study.case import main; main()"],
@@ -128,42 +87,51 @@ def _interpreter() -> subprocess.Popen[bytes]:
         env=environment | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
     )
     _running.add(process)
-    return process
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        with suppress(BrokenPipeError):
+            pickle.dump((work, folder, dict(parameters)), process.stdin)
+            process.stdin.flush()
+        answer = process.stdout.readline()  # empty if the case ends without a result
+        code = process.wait()
+    finally:
+        process.kill()
+        process.wait()
+        _running.discard(process)
+    if answer:
+        return dict(json.loads(answer))
+    end = f"exit code {code}" if code >= 0 else f"signal {-code}"
+    reason = f"ended by {end}; see {folder / 'log.txt'}"
+    return {"status": "failed", "reason": reason, "values": {}, "peak_mb": float("nan")}
 
 
 def main() -> None:
-    """Run the cases read from standard input; write each result to standard output as JSON."""
-    cases: queue.SimpleQueue[tuple[bytes, Path, dict[str, Any]]] = queue.SimpleQueue()
-    threading.Thread(target=_receive, args=(cases,), daemon=True).start()
-    answers, function = os.fdopen(os.dup(1), "wb"), None
-    while True:
-        work, folder, parameters = cases.get()
-        with (folder / "log.txt").open("wb") as log:
-            os.dup2(log.fileno(), 1)
-            os.dup2(log.fileno(), 2)
-        outcome: dict[str, Any]
-        try:
-            if function is None:
-                preparation, of_module = pickle.loads(work)
-                spawn.prepare(preparation)
-                function = pickle.loads(of_module)
-            values, remarks = _plain_values(function(folder, **parameters))
-            reason = in_one_line(" ".join(remarks))
-            outcome = {"status": "complete", "reason": reason, "values": values}
-        except Exception as error:
-            traceback.print_exc()
-            outcome = {"status": "failed", "reason": reason_of(error), "values": {}}
-        sys.stdout.flush()
-        answers.write(json.dumps(outcome | {"peak_mb": peak_mb()}).encode() + b"\n")
-        answers.flush()
-        gc.collect()  # frees the memory of the case before the next one
+    """Run the case read from standard input and write its result to standard output as JSON."""
+    work, folder, parameters = pickle.load(sys.stdin.buffer)
+    threading.Thread(target=_end_with_the_worker, args=(os.dup(0),), daemon=True).start()
+    answer = os.dup(1)
+    with open(os.devnull, "rb") as empty, (folder / "log.txt").open("wb") as log:
+        for number, file in enumerate((empty, log, log)):
+            os.dup2(file.fileno(), number)  # the case and its child processes read no input
+    outcome: dict[str, Any]
+    try:
+        preparation, function = pickle.loads(work)
+        spawn.prepare(preparation)
+        values, remarks = _plain_values(pickle.loads(function)(folder, **parameters))
+        outcome = {"status": "complete", "reason": in_one_line(" ".join(remarks)), "values": values}
+    except Exception as error:
+        traceback.print_exc()
+        outcome = {"status": "failed", "reason": reason_of(error), "values": {}}
+    sys.stdout.flush()
+    with os.fdopen(answer, "wb") as to_worker:
+        to_worker.write(json.dumps(outcome | {"peak_mb": peak_mb()}).encode() + b"\n")
+    os._exit(0)
 
 
-def _receive(cases: queue.SimpleQueue[tuple[bytes, Path, dict[str, Any]]]) -> None:
-    """Receive cases; end this process when standard input closes, as the worker ends."""
-    with suppress(EOFError), os.fdopen(os.dup(0), "rb") as messages:  # sys.stdin locks at the exit
-        while True:
-            cases.put(pickle.load(messages))
+def _end_with_the_worker(pipe: int) -> None:
+    """End this process when the process that started it ends."""
+    os.read(pipe, 1)  # returns only when the pipe closes
     os._exit(1)
 
 

@@ -165,10 +165,10 @@ def fragility(
         or not np.all((positive > 0.0) & np.isfinite(positive))
         or not np.all(np.isin(value, (0.0, 1.0)) | np.isnan(value))
     ):
-        wanted = "values True or False, or responses and limit" if limit is None else "responses"
+        rule = " Without limit, each response must be True or False. Pass limit= for responses."
         raise ValueError(
-            f"fragility needs finite, positive intensities and as many {wanted}; got "
-            f"{shown(intensity)} and {shown(response)}, limit={limit}."
+            "fragility needs finite, positive intensities and as many responses; got "
+            f"{shown(intensity)} and {shown(response)}.{rule if limit is None else ''}"
         )
     has_value = ~np.isnan(value)
     x: Floats = positive[has_value]

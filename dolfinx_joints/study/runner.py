@@ -84,9 +84,9 @@ class Study(Summarised):
 
     The function is called as ``function(folder, **parameters)`` and returns the values of the row,
     a mapping of names to numbers or texts. Every case runs in a new interpreter that imports the
-    function from its module, so cases share nothing, in particular not MPI, unless ``run`` is
-    called with ``share=True``. A value whose name is already used is in the column "NAME (value)".
-    A value that is neither number nor text is left out. In both cases the row has a remark.
+    function from its module, so cases share nothing, in particular not MPI. A value whose name is
+    already used is in the column "NAME (value)". A value that is neither number nor text is left
+    out. In both cases the row has a remark.
 
     A case is identified by its name and parameters; changes of the function are not detected.
 
@@ -137,7 +137,6 @@ class Study(Summarised):
         only: Sequence[str] | None = None,
         retry_failed: bool = False,
         rerun_changed: bool = False,
-        share: bool = False,
         progress: bool = True,
     ) -> Tally:
         """Run the cases that have no row yet.
@@ -149,8 +148,6 @@ class Study(Summarised):
             only: Names of the cases to run, all by default.
             retry_failed: Run failed cases again.
             rerun_changed: Run cases with changed parameters again; otherwise raise an error.
-            share: Let a worker run its cases in one interpreter, which starts only once. Cases can
-                then affect each other, and the peak memory is that of all its cases.
             progress: Show a progress bar.
 
         Raises:
@@ -173,11 +170,11 @@ class Study(Summarised):
                 chosen = [name for name in self.cases if only is None or name in only]
                 waiting = self._waiting(rows, chosen, retry_failed, rerun_changed)
                 if executor is not None:
-                    self._work(rows, waiting, executor, share, progress)
+                    self._work(rows, waiting, executor, progress)
                 else:
                     with ThreadPoolExecutor(workers) as threads:
                         try:
-                            self._work(rows, waiting, threads, share, progress)
+                            self._work(rows, waiting, threads, progress)
                         finally:
                             end_cases()
         except OSError as error:
@@ -225,12 +222,7 @@ class Study(Summarised):
         return waiting
 
     def _work(
-        self,
-        rows: dict[str, Row],
-        waiting: list[str],
-        executor: Executor,
-        share: bool,
-        progress: bool,
+        self, rows: dict[str, Row], waiting: list[str], executor: Executor, progress: bool
     ) -> None:
         """Run cases; add each row to the table when its case ends."""
         from tqdm.auto import tqdm
@@ -240,7 +232,7 @@ class Study(Summarised):
         hidden = None if progress else True  # None hides the bar if there is no terminal
         try:
             for name in waiting:
-                case = name, work, str(self.folder(name).resolve()), self.cases[name], share
+                case = name, work, str(self.folder(name).resolve()), self.cases[name]
                 futures[executor.submit(run_case, *case)] = name
             with tqdm(total=len(waiting), desc=self.path.name, unit="case", disable=hidden) as bar:
                 for future in as_completed(futures):

@@ -24,13 +24,15 @@ from dolfinx_joints.results.writer import ResultsWriter
 MU, COHESION = math.tan(math.radians(40.0)), 2e5
 
 
-def write_joint(path: Path, normals: Any, tractions: Any, *, broken: Any = None) -> Path:
+def write_joint(
+    path: Path, normals: Any, tractions: Any, *, broken: Any = None, angle: float = 40.0
+) -> Path:
     """One state of points of 1 m^2 with horizontal s1 = y, as along the axis of a valley."""
     n = np.asarray(normals, dtype=float)
     along = np.broadcast_to([0.0, 1.0, 0.0], n.shape)
     frames = np.stack([n, along, np.cross(n, along)], axis=1)
     joint = {"points": n, "frames": frames, "areas": np.ones(len(n)), "facet": np.arange(len(n))}
-    law = {"friction_angle_deg": 40.0, "cohesion": 0.0 if broken is None else COHESION}
+    law = {"friction_angle_deg": angle, "cohesion": 0.0 if broken is None else COHESION}
     with ResultsWriter(path, {"laws": {"base": law}}) as writer:
         declare_states(writer, n, [[0, 1, 1]], {"base": joint})
         if broken is not None:
@@ -113,6 +115,25 @@ def test_plane_joint(tmp_path):
         found = joint_resultants(results, "base")
         assert found.sliding_safety[0] == pytest.approx(2.0 * MU, rel=1e-12)
         assert np.isinf(found.plane_safety).all()
+
+
+@pytest.mark.parametrize("shear", [0.0, 3e5])
+def test_without_friction_and_cohesion_nothing_is_mobilised(tmp_path, shear):
+    """Shear of a frictionless joint is that of dashpots."""
+    traction = [[-1e6, shear, 0.0]]
+    path = write_joint(tmp_path / "r.h5", [[0.0, 0.0, 1.0]], traction, angle=0.0)
+    with Results(path) as results:
+        assert np.isnan(measures.joint_extremes(results, "base").mobilised).all()
+        assert np.isnan(joint_resultants(results, "base").plane_safety).all()
+        with pytest.raises(ResultsError, match="no friction of the joint 'base'"):
+            map_value(results, "base", "mobilised", 0)
+
+
+def test_dashpots_add_shear_beyond_friction(tmp_path):
+    path = write_joint(tmp_path / "r.h5", [[0.0, 0.0, 1.0]], [[-1e6, 2e6 * MU, 0.0]])
+    with Results(path) as results:
+        assert map_value(results, "base", "mobilised", 0) == pytest.approx([2.0])
+        assert measures.joint_extremes(results, "base").safety == pytest.approx([0.5])
 
 
 def test_a_joint_that_is_safe_throughout_is_in_the_picture(tmp_path):

@@ -119,9 +119,9 @@ def test_a_joint_that_was_never_loaded_is_drawn(tmp_path: Path) -> None:
     assert ax.get_legend().get_texts()[0].get_text() == "open, 0% of the area"  # a closed gap of 0
 
 
-def test_mobilised_friction_needs_a_friction_angle(tmp_path: Path) -> None:
+def test_mobilised_friction_needs_friction(tmp_path: Path) -> None:
     path = write_states(tmp_path / "r.h5", NODES, SURFACE, {"joint_1": JOINT}, (0.0, {}))
-    with pytest.raises(ResultsError, match="no friction angle of the joint 'joint_1'"):
+    with pytest.raises(ResultsError, match="has no friction of the joint 'joint_1'"):
         plots.joint_maps(Results(path), "mobilised")
 
 

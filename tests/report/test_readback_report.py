@@ -31,7 +31,7 @@ from dolfinx_joints.common.errors import PlausibilityWarning
 from dolfinx_joints.motions.spectra import equally_spaced, fourier_amplitude, response_spectrum
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
-from dolfinx_joints.report import body_sections, response_sections
+from dolfinx_joints.report import body_sections, joint_sections, response_sections
 from dolfinx_joints.report.page import Drawings, Html
 from dolfinx_joints.report.runs import Content, Run
 from dolfinx_joints.results.layout import Cells
@@ -128,6 +128,24 @@ def test_pictures_show_the_data_of_the_plots(
         for line, curve in zip(found, expected.values(), strict=True):
             np.testing.assert_array_equal(line, curve)
     assert sum(text.startswith("Displacement of ") for text in captions(html)) == len(POINTS)
+
+
+@pytest.mark.parametrize("law", [{"kind": "KeyedJoint"}, {"friction_angle_deg": 0.0}])
+def test_mobilised_friction_is_drawn_of_joints_with_friction(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, law: dict[str, Any]
+) -> None:
+    path, drawn = write_distinct(tmp_path / "run.h5", joint_2=law), {}
+
+    def save(_: Drawings, name: str, figure: Any, dpi: int = 0) -> None:
+        drawn[name] = [ax.get_title(loc="left") for ax in figure.axes[:-1]]
+
+    monkeypatch.setattr(Drawings, "save", save)
+    monkeypatch.setattr(Drawings, "picture", lambda *_: Html(""))
+    with Results(path) as run:
+        drawings = Drawings(Path(), printed=True)
+        joint_sections.joints(Content([Run(run, "a")], drawings, None, None))  # type: ignore[arg-type]
+    assert drawn["joints_tangential"] == ["joint_1", "joint_2"]
+    assert drawn["joints_mobilised"] == ["joint_1"]
 
 
 def test_cells_of_joints_are_measures(tmp_path: Path) -> None:

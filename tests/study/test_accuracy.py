@@ -49,6 +49,11 @@ def without_step(folder, *, size, dt):
     return {"u [m]": size}
 
 
+def process_of(folder, *, size, dt):
+    """Return the number of the process."""
+    return {"u [m]": size + dt, "process": float(os.getpid())}
+
+
 def same_file(folder, *, size, dt):
     """Return a file whatever size and step are."""
     return folder.parents[2] / "run.h5"
@@ -82,6 +87,12 @@ def test_errors_of_values_that_are_powers(tmp_path):
     written = (tmp_path / "a" / "accuracy.csv").read_text().splitlines()
     assert written[0].startswith("value,given,error,step_error,step_kind,step_order,cell_error,")
     assert len(written) == 4
+
+
+def test_each_run_starts_an_interpreter(tmp_path):
+    """The processor time of each run contains the start-up, so that times are comparable."""
+    result = dj.accuracy(tmp_path / "a", process_of, **LEVELS, workers=1, progress=False)
+    assert len({*result.runs["process"]}) == 5
 
 
 def test_a_second_call_makes_only_missing_runs(tmp_path):

@@ -52,9 +52,12 @@ def test_two_intensities_have_the_shares_of_their_runs(counts):
         ([0, 0, 1, 1], "in every run above 2 and in no run below"),
         # The mean logarithm where it is exceeded is lower: ln 4 / 2 and ln 6 / 2.
         ([1, 0, 0, 1], "not exceeded more often at higher intensities"),
-        ([0, 0, 1], "as many values True or False"),
+        ([0, 0, 1], "positive intensities and as many responses; got "),
         # Openings in metres are no fractions of runs.
-        ([0.001, 0.002, 0.003, 0.004], "values True or False, or responses and limit"),
+        (
+            [0.001, 0.002, 0.003, 0.004],
+            "Without limit, each response must be True or False. Pass limit= for responses.$",
+        ),
     ],
 )
 def test_runs_that_do_not_tell(exceeded, message):

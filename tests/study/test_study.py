@@ -97,20 +97,16 @@ def test_only_some_and_finished_cases_are_skipped(tmp_path):
         some.run(only=["x=9"])
 
 
-def process_of(folder, *, x):
-    """Number of the process; fails at 2."""
-    assert x != 2
-    return {"process": float(os.getpid())}
+def reading(folder):
+    """Read standard input, here and in a child process; return the numbers of characters."""
+    child = subprocess.run(["cat"], stdout=subprocess.PIPE, timeout=20.0, check=True)
+    return {"own": len(sys.stdin.read()), "of child": len(child.stdout)}
 
 
-@pytest.mark.parametrize("share", [False, True])
-def test_cases_share_an_interpreter_only_if_asked(tmp_path, share):
-    cases = {f"x={k}": {"x": k} for k in range(5)}
-    study = Study(tmp_path / "s", process_of, cases)
-    assert list(study.run(share=share, progress=False).failed) == ["x=2"]
-    first, second, _, *last = study.table()["process"]
-    assert (first == second, last[0] == last[1]) == (share, share)
-    assert first not in last  # after a failure the next case has a new interpreter
+def test_standard_input_of_a_case_is_empty(tmp_path):
+    study = Study(tmp_path / "s", reading, {"a": {}})
+    assert study.run(progress=False).failed == {}
+    assert [study.table()[name].tolist() for name in ("own", "of child")] == [[0.0], [0.0]]
 
 
 @contextmanager

@@ -46,7 +46,7 @@ class JointExtremes:
     ``opening_at`` and ``slip_at`` are the points with these values, shape (records, 3), [m], NaN if
     all values are zero. ``pressure`` is the largest and ``mean_pressure`` the mean contact pressure
     [Pa], without the pressure of water in the joint. ``safety`` is `safety_against_sliding`,
-    ``mobilised`` is 1 / safety, from 0 to 1. Series other than places have the shape (records,).
+    ``mobilised`` is 1 / safety. Series other than places have the shape (records,).
 
     Attributes:
         time: Times, shape (records,), [s].
@@ -104,16 +104,15 @@ def safety_against_sliding(
     cylinder.
 
     The safety is 1 if all points slide, and never less with the friction of the law, which limits
-    the shear of every point.
+    the shear of every point. Dashpots (`ViscousJoint`) add shear: it may be below 1.
     At a safety of 2, half of the total strength is used, but single points may slide. In a plane
     joint with shear in one direction, the safety is the ratio of the resultants, (mu N + c A) / V.
     Opposite shear tractions cancel in V but not in S: they reduce the safety.
 
-    The safety is infinite without shear, and NaN if no force is transmitted or mu is unknown. It
-    has the shape of the forces, which is arbitrary.
+    The safety is infinite without shear, and NaN if no force is transmitted or mu is NaN. It has the shape of the forces, which is arbitrary.
 
     Args:
-        friction: mu; NaN if the law does not limit the shear, or is unknown.
+        friction: mu; NaN if the law is unknown, or has neither friction nor cohesion.
         compression: C, [N].
         shear_sum: S, [N].
         bond: c A, cohesion times the area with intact bonds, [N].
@@ -134,7 +133,7 @@ def mobilised_friction(friction: float, points: JointPoints) -> Floats:
     """Return the mobilised friction m = |t_s| / (mu p + c) of points, shape (..., points).
 
     p is ``compression`` and c the cohesion of intact bonds, as in `safety_against_sliding`. The
-    friction m is 1 at sliding points, 0 without shear, and NaN at open points.
+    friction m is 1 at sliding points, more with dashpots, 0 without shear, and NaN at open points.
     """
     resistance = np.maximum(friction * points.compression + points.cohesion, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -150,12 +149,13 @@ def open_points(gap: Floats, traction: Floats) -> Flags:
 
 
 def strength_of(results: Results, joint: str, angle: float | None) -> tuple[float, float]:
-    """Return friction coefficient and cohesion [Pa]; without a friction angle the first is NaN."""
+    """Return friction coefficient mu and cohesion [Pa]; mu is NaN if both are 0 or unknown."""
     law = results.law(joint)
-    angle = law.get("friction_angle_deg") if angle is None else angle
     cohesion = float(law.get("cohesion", 0.0))
     if angle is None:
-        return np.nan, cohesion
+        angle = law.get("friction_angle_deg")
+        if angle is None or not (angle or cohesion):
+            return np.nan, cohesion
     return math.tan(math.radians(angle)), cohesion
 
 

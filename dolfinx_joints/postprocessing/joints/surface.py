@@ -312,8 +312,7 @@ def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) 
     state is 0 open, 1 sticking, 2 sliding, 3 closed without friction, as in the file.
 
     Raises:
-        ResultsError: The file has no friction angle of the joint, which its mobilised friction
-            needs.
+        ResultsError: The joint has no friction, which its mobilised friction needs.
     """
     values = _value(results, joint, quantity, number)
     return np.where(tied_points(results, joint), np.nan, values)
@@ -334,7 +333,7 @@ def _value(results: Results, joint: str, quantity: MapQuantity, number: int) -> 
     if quantity == "mobilised":
         if np.isnan(friction):
             raise ResultsError(
-                f"{results.path} has no friction angle of the joint {joint!r}, so its mobilised "
+                f"{results.path} has no friction of the joint {joint!r}, so its mobilised "
                 "friction is undefined; choose other joints."
             )
         return mobilised_friction(friction, points)[0]

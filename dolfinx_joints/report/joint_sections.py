@@ -35,8 +35,10 @@ _OF_STAGE: tuple[tuple[str, Any, str], ...] = (
 )
 
 
-def joints(content: Content) -> Section:
-    """Return the section with the joints' measures, histories and maps."""
+def joints(content: Content) -> Section | None:
+    """Return the section with the joints' measures, histories and maps; None without joints."""
+    if not any(run.results.joints for run in content.runs):
+        return None
     runs = [run for run in content.runs if run.results.joints and run.has("states")]
     if not runs and content.main.static_alone and content.main.results.joints:
         return Section("joints", "Joints", _of_last_stage(content))

@@ -215,7 +215,7 @@ def page(
     contents is below them, in print above them.
     """
     style = files("dolfinx_joints.report").joinpath("report.css").read_text("utf-8")
-    given = "".join(f"<dt>{k}</dt><dd>{text(v)}</dd>" for k, v in facts.items() if v is not None)
+    given = "".join(f"<dt>{k}</dt><dd>{text(v)}</dd>" for k, v in facts.items() if v)
     contents = "".join(f'<li><a href="#{text(s.name)}">{text(s.title)}</a></li>' for s in sections)
     nav = f'<nav id="contents" aria-label="Contents"><h2>Contents</h2><ol>{contents}</ol></nav>'
     order = [nav, *top] if drawings.printed else [*top, nav]

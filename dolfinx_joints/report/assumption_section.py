@@ -57,8 +57,8 @@ def _assumed(run: Run) -> Iterator[str]:
     if "mesh/surface" in run.results.statics:
         state = f", in plane {body['plane']}" if body.get("plane") else ""
         yield f"The model is plane{state}." if run.plane else "The model is three-dimensional."
-    kinds = ((parsed(text)[0], name) for name, text in made.get("material", {}).items())
-    for kind, groups in _by_first(kinds).items():
+    materials = ((parsed(text)[0], name) for name, text in made.get("material", {}).items())
+    for kind, groups in _by_first(materials).items():
         where = "" if groups == ["all"] else f" of {', '.join(groups)}"
         yield f"The material{where} {_MATERIALS.get(kind, f'follows {kind}')}."
     laws = _by_first((_law(text), name) for name, text in made.get("joint_laws", {}).items())

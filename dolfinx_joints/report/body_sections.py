@@ -21,12 +21,11 @@ from dolfinx_joints.report.page import (
     Section,
     details,
     figure,
-    floats,
-    integers,
     paragraph,
     table,
     text,
 )
+from dolfinx_joints.report.panels import floats, integers
 from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing
 from dolfinx_joints.results.joint_points import gaps
 from dolfinx_joints.results.reader import Results

@@ -63,10 +63,12 @@ def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
         axes = _AXES[len(components(runs))]
         note = JOINT_NOTE.format(zero=common_frame({r.label: zero_name(r.results) for r in runs}))
         pieces.append(paragraph(f"{note} Coordinates are {axes}", "note"))
-    runs = sorted(content.runs, key=lambda run: run.results.complete)  # failures first
-    warnings = [(r.label, text) for r in runs for text in (*doubts(r), *_unresolved(r, band))]
+    unfinished = [run for run in content.runs if not run.results.complete]
+    failures = [(run.label, ending(run).removeprefix(f"{run.label} ")) for run in unfinished]
+    texts = [(run.label, (*doubts(run), *_unresolved(run, band))) for run in content.runs]
+    warnings = [(label, text) for label, of_run in texts for text in of_run]
     pieces.append(heading("Warnings"))
-    pieces.append(bullets(grouped(warnings) or ["None."]))
+    pieces.append(bullets(grouped([*failures, *warnings]) or ["None."]))
     pieces.append(paragraph(_BOUNDS, "note"))
     return [Html(f'<div class="opening">{"".join(pieces)}</div>')]
 
@@ -95,8 +97,8 @@ def alerts(runs: Sequence[Run]) -> list[Html]:
 
 
 def doubts(run: Run) -> list[str]:
-    """Return the warnings of a run, without its label."""
-    warnings = [] if run.results.complete else [ending(run).removeprefix(f"{run.label} ")]
+    """Return the warnings of a run, without its label and ending."""
+    warnings = []
     recorded: list[str] = run.results.summary.get("warnings", [])
     for key, name, limit, scale in _ERRORS:
         value = float(run.results.summary.get(key) or 0.0)

@@ -180,12 +180,12 @@ def test_warnings_of_several_runs_are_one_bullet(tmp_path):
         write_run(
             tmp_path / f"{n}.h5", summary={"energy_error": 0.0712}, seconds=0.05, status=status
         )
-        for n, status in (("a", "complete"), ("b", "failed"))
+        for n, status in (("a", "complete"), ("b", "failed"), ("c", "failed"))
     ]
     html = html_of(paths, tmp_path)
     failed, error, *_ = re.findall("<li>(.*?)</li>", html[html.index("Warnings</h3>") :])
-    assert failed.startswith("b: failed at t = 0.05 s")
-    assert error == "b, a: the energy error is 7.12 % of the largest energy."
+    assert failed.startswith("b, c: failed at t = 0.05 s")
+    assert error == "a, b, c: the energy error is 7.12 % of the largest energy."
 
 
 def test_pdf_has_pictures_instead_of_scripts(tmp_path, monkeypatch):

@@ -186,7 +186,7 @@ def test_a_file_without_stages_shows_its_first_record(tmp_path):
 def test_a_first_record_that_moves_is_not_a_static_state(tmp_path):
     path = write_run(tmp_path / "joints.h5")
     with h5py.File(path, "r+") as file:
-        file["energy/kinetic"][0] = 1.0  # [J]
+        file["streams/energy/kinetic"][0] = 1.0  # [J]
     assert "first record" not in cells_of([path], tmp_path)
 
 

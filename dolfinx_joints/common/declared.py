@@ -230,6 +230,8 @@ def _convert(kind: Any, value: Any) -> tuple[bool, Any]:
 
 
 def _satisfies(bound: Any, value: Any) -> bool:
+    if isinstance(bound, at.DocInfo):
+        return True
     if isinstance(bound, at.MinLen):
         return len(value) >= bound.min_length
     if isinstance(bound, at.MaxLen):
@@ -239,7 +241,10 @@ def _satisfies(bound: Any, value: Any) -> bool:
 
 
 def _allowed(kind: Any, bounds: Sequence[Any]) -> str:
-    """Return the text of a type and its bounds."""
+    """Return the text of a type and its bounds, or the declared text."""
+    for bound in bounds:
+        if isinstance(bound, at.DocInfo):
+            return bound.documentation
     ranges = [_RANGES[type(b)] + (b,) for b in bounds if type(b) in _RANGES]
     limits = [(getattr(b, name), text, zero) for name, _, text, zero, b in ranges]
     range_of = " and ".join(zero if zero and not v else f"{text} {v:g}" for v, text, zero in limits)

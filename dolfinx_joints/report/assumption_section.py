@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from html import unescape
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from dolfinx_joints.postprocessing import measures
@@ -30,8 +29,8 @@ _LAWS = {
     "RigidJoint": "transmit pressure without overlap, shear up to Coulomb's limit, no tension",
     "KeyedJoint": "transmit pressure elastically, no tension, and shear by keys at any opening",
     "ShearKeyJoint": "rub and have shear keys, whose teeth can shear off",
-    "ViscousJoint": "have dashpots that act while they are closed",
 }
+_FRICTIONLESS = re.compile(r"\b(friction_coefficient|shear_stiffness)=0\.0\b")
 _RAYLEIGH = {"mass_factor": "1/s times the mass", "stiffness_factor": "s times the stiffness"}
 _LIMITS = ("Ten steps per period", "Ten nodes per shear wavelength")  # of `Resolved`
 _WAVES = {"ViscousBoundary", "FreeField", "ObliqueFreeField"}  # boundaries that absorb waves
@@ -45,7 +44,7 @@ def assumptions(content: Content, sections: Sequence[Section]) -> Section:
     assumed = [(run.label, text) for run in content.runs for text in _assumed(run)]
     excluded = [(run.label, text) for run in content.runs for text in _excluded(run)]
     missing = [f"{s.title}: the files have no {s.missing}." for s in sections if not s.pieces]
-    pieces = [bullets([_SMALL, *grouped(assumed, labels), *_criteria(sections)])]
+    pieces = [bullets([_SMALL, *grouped(assumed, labels)])]
     if excluded or missing:
         pieces += [heading("Not covered"), bullets([*grouped(excluded, labels), *missing])]
     return Section("assumptions", "Assumptions and limits", pieces)
@@ -58,14 +57,14 @@ def _assumed(run: Run) -> Iterator[str]:
     if "mesh/surface" in run.results.statics:
         state = f", in plane {body['plane']}" if body.get("plane") else ""
         yield f"The model is plane{state}." if run.plane else "The model is three-dimensional."
-    for kind, groups in _by_kind(made.get("material", {})).items():
+    materials = ((parsed(text)[0], name) for name, text in made.get("material", {}).items())
+    for kind, groups in _by_first(materials).items():
         where = "" if groups == ["all"] else f" of {', '.join(groups)}"
         yield f"The material{where} {_MATERIALS.get(kind, f'follows {kind}')}."
-    laws = _by_kind(made.get("joint_laws", {}))
-    for kind, joints in laws.items():
+    laws = _by_first((_law(text), name) for name, text in made.get("joint_laws", {}).items())
+    for words, joints in laws.items():
         subject = "The joints" if len(laws) == 1 else f"The joints {', '.join(joints)}"
-        table = reference("Laws of the joints")
-        yield f"{subject} {_LAWS.get(kind, f'follow {kind}')} ({table})."
+        yield f"{subject} {words} ({reference('Laws of the joints')})."
     if not run.results.joints:
         yield "The body has no joints."
     kind, values = parsed(made.get("damping"))
@@ -74,11 +73,11 @@ def _assumed(run: Run) -> Iterator[str]:
         yield f"Rayleigh damping of the body is {' plus '.join(terms) or 'zero'}."
     elif kind == "ModalRatios":
         yield "Damping is given by ratios of the lowest modes with closed joints."
-    fixed = [values for kind, values in map(parsed, made.get("supports", [])) if kind == "Fixed"]
-    whole = [v["group"] for v in fixed if v.get("group") and v.get("components") is None]
-    if whole:
-        to = " relative to the ground" if run.results.relative and run.moves else ""
-        yield f"The displacement{to} is zero at {', '.join(whole)}."
+    to = " relative to the ground" if run.results.relative and run.moves else ""
+    supports = map(parsed, made.get("supports", []))
+    fixed = (_fixed(values) for kind, values in supports if kind == "Fixed")
+    for along, places in _by_first(fixed).items():
+        yield f"The displacement{along}{to} is zero at {', '.join(places)}."
     if made.get("loads"):
         kinds = dict.fromkeys(parsed(load)[0] for load in made["loads"])
         yield f"The loads are {', '.join(kinds)} ({reference('Loads')})."
@@ -88,7 +87,9 @@ def _assumed(run: Run) -> Iterator[str]:
     if made.get("reservoir"):
         yield f"Waves in the reservoir are computed ({parsed(made['reservoir'])[0]})."
     if settings.get("ground motion") and run.results.relative:
-        yield f"The ground moves by {settings['ground motion']}, the same at all supports."
+        given = str(settings["ground motion"])
+        motion = "a function of time" if given.startswith("<") else given
+        yield f"The ground moves by {motion}, the same at all supports."
     if "time step" in settings:
         scheme = parsed(settings.get("time scheme"))[0]
         yield f"Time steps are {plain(settings['time step'])} s, with the scheme {scheme}."
@@ -124,16 +125,26 @@ def _excluded(run: Run) -> Iterator[str]:
         yield "The errors of time step and mesh are not estimated (dj.accuracy)."
 
 
-def _criteria(sections: Sequence[Section]) -> list[str]:
-    """Return the sentence on the criteria of the checks, if there are checks."""
-    pieces = "".join(piece for s in sections if s.name == "checks" for piece in s.pieces)
-    tables = [reference(unescape(found)) for found in re.findall("<caption>([^<]*)<", pieces)]
-    return [f"Criteria, their limits and sources are in {', '.join(tables)}."] if tables else []
+def _law(text: str) -> str:
+    """Return the words on a joint law."""
+    kind, values = parsed(text)
+    contact = parsed(values["law"])[0] if kind == "ViscousJoint" else kind
+    words = _LAWS.get(contact, f"follow {contact}")
+    if _FRICTIONLESS.search(text):
+        words = words.replace("shear up to Coulomb's limit", "no shear")
+    return words if contact == kind else f"{words}, and have dashpots that act while closed"
 
 
-def _by_kind(things: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Return names by class."""
-    kinds: dict[str, list[str]] = {}
-    for name, thing in things.items():
-        kinds.setdefault(parsed(thing)[0], []).append(name)
-    return kinds
+def _fixed(values: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the components, in words, and the place of a support."""
+    point, letters = values.get("point"), values.get("components")
+    along = f" along {', '.join(letters)}" if letters else ""
+    return along, f"the point ({plain(point)}) m" if point else str(values.get("group"))
+
+
+def _by_first(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    """Return the second texts of pairs by their first texts."""
+    groups: dict[str, list[str]] = {}
+    for first, second in pairs:
+        groups.setdefault(first, []).append(second)
+    return groups

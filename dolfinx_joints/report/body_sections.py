@@ -21,12 +21,11 @@ from dolfinx_joints.report.page import (
     Section,
     details,
     figure,
-    floats,
-    integers,
     paragraph,
     table,
     text,
 )
+from dolfinx_joints.report.panels import floats, integers
 from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing
 from dolfinx_joints.results.joint_points import gaps
 from dolfinx_joints.results.reader import Results
@@ -57,6 +56,8 @@ def space(content: Content) -> Section | None:
     if content.reference:
         runs = [run for run in (content.main, content.reference) if run in runs] or runs
     runs.sort(key=lambda run: run is not content.main)
+    if content.drawings.printed:
+        return Section("space", title, [_start(content, run) for run in runs])
     scenes = [scene(run) for run in runs]
     content.drawings.scene.extend(scenes)
     options = "".join(
@@ -81,6 +82,16 @@ def space(content: Content) -> Section | None:
         f'deformed body"></div><figcaption>{text(caption)}</figcaption></figure>'
     )
     return Section("space", title, [view])
+
+
+def _start(content: Content, run: Run) -> Html:
+    """Return a picture of the first state of the 3-D view."""
+    view = scene(run)
+    time, scale = view["frames"][view["start"]]["time"], view["scale"]
+    drawn = views.deformed(run.results, time=time, scale=scale, groups=run.groups)
+    caption = f"{run.label} at t = {time:.3f} s, displacements enlarged {scale:g} times."
+    png = content.save(f"space_{content.runs.index(run) + 1}", drawn)
+    return figure([content.drawings.picture(png, caption)], caption)
 
 
 def stresses(content: Content) -> Section:

@@ -13,7 +13,8 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.postprocessing.criteria import checks as criteria
 from dolfinx_joints.postprocessing.criteria.sliding import recorded_blocks
 from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE
-from dolfinx_joints.report.page import Curve, Html, Section, panels, paragraph, table
+from dolfinx_joints.report.page import Html, Section, paragraph, table
+from dolfinx_joints.report.panels import Curve, panels
 from dolfinx_joints.report.runs import Content, nothing
 from dolfinx_joints.results.quantities import TABLE
 

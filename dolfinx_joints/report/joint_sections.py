@@ -11,16 +11,8 @@ import numpy as np
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.joints.extremes import drawn_series, joint_extremes, strength_of
 from dolfinx_joints.postprocessing.joints.maps import JointMaps
-from dolfinx_joints.report.page import (
-    Curve,
-    Html,
-    Section,
-    details,
-    figure,
-    panels,
-    paragraph,
-    table,
-)
+from dolfinx_joints.report.page import Html, Section, details, figure, paragraph, table
+from dolfinx_joints.report.panels import Curve, panels
 from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing
 from dolfinx_joints.results.joint_points import joint_area, since, zero_of
 from dolfinx_joints.results.quantities import TABLE
@@ -35,8 +27,10 @@ _OF_STAGE: tuple[tuple[str, Any, str], ...] = (
 )
 
 
-def joints(content: Content) -> Section:
-    """Return the section with the joints' measures, histories and maps."""
+def joints(content: Content) -> Section | None:
+    """Return the section with the joints' measures, histories and maps; None without joints."""
+    if not any(run.results.joints for run in content.runs):
+        return None
     runs = [run for run in content.runs if run.results.joints and run.has("states")]
     if not runs and content.main.static_alone and content.main.results.joints:
         return Section("joints", "Joints", _of_last_stage(content))

@@ -63,19 +63,28 @@ def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
         axes = _AXES[len(components(runs))]
         note = JOINT_NOTE.format(zero=common_frame({r.label: zero_name(r.results) for r in runs}))
         pieces.append(paragraph(f"{note} Coordinates are {axes}", "note"))
+    unfinished = [run for run in content.runs if not run.results.complete]
+    failures = [(run.label, ending(run).removeprefix(f"{run.label} ")) for run in unfinished]
     texts = [(run.label, (*doubts(run), *_unresolved(run, band))) for run in content.runs]
     warnings = [(label, text) for label, of_run in texts for text in of_run]
     pieces.append(heading("Warnings"))
-    pieces.append(bullets(grouped(warnings) or ["None."]))
+    pieces.append(bullets(grouped([*failures, *warnings]) or ["None."]))
     pieces.append(paragraph(_BOUNDS, "note"))
     return [Html(f'<div class="opening">{"".join(pieces)}</div>')]
 
 
 _BOUNDS = (
-    f"Warnings appear if the energy error exceeds {LARGE_ENERGY_ERROR:.0%} of the largest energy, "
-    f"if the error of a single step exceeds {LARGE_LOCAL_ERROR:.0%} of the largest displacement, "
-    "or if a run is incomplete. They also appear if the numerical energy loss in a joint exceeds "
-    f"{LARGE_ENERGY_ERROR:.0%} of its friction work and 0.1% of the largest energy."
+    f"Warnings appear if the energy error exceeds {100 * LARGE_ENERGY_ERROR:g} % of the largest "
+    f"energy, if the error of a single step exceeds {100 * LARGE_LOCAL_ERROR:g} % of the largest "
+    "displacement, or if a run is incomplete. They also appear if the numerical energy loss in a "
+    f"joint exceeds {100 * LARGE_ENERGY_ERROR:g} % of its friction work and 0.1 % of the largest "
+    "energy."
+)
+
+
+_ERRORS = (
+    ("energy_error", "energy error", LARGE_ENERGY_ERROR, "energy"),
+    ("local_error", "error of a single step", LARGE_LOCAL_ERROR, "displacement"),
 )
 
 
@@ -88,15 +97,14 @@ def alerts(runs: Sequence[Run]) -> list[Html]:
 
 
 def doubts(run: Run) -> list[str]:
-    """Return the warnings of a run, without its label."""
-    warnings = [] if run.results.complete else [ending(run).removeprefix(f"{run.label} ")]
-    summary = run.results.summary
-    energy, local = (float(summary.get(k) or 0.0) for k in ("energy_error", "local_error"))
-    if energy > LARGE_ENERGY_ERROR:
-        warnings.append(f"the energy error is {energy:.2%} of the largest energy.")
-    if local > LARGE_LOCAL_ERROR:
-        warnings.append(f"the error of a single step is {local:.2%} of the largest displacement.")
-    return [*warnings, *jump_warnings(run), *_loss_warnings(run), *summary.get("warnings", [])]
+    """Return the warnings of a run, without its label and ending."""
+    warnings = []
+    recorded: list[str] = run.results.summary.get("warnings", [])
+    for key, name, limit, scale in _ERRORS:
+        value = float(run.results.summary.get(key) or 0.0)
+        if value > limit and not any(name in text for text in recorded):
+            warnings.append(f"the {name} is {100 * value:.3g} % of the largest {scale}.")
+    return [*warnings, *jump_warnings(run), *_loss_warnings(run), *recorded]
 
 
 def _unresolved(run: Run, band: float) -> list[str]:
@@ -107,23 +115,24 @@ def _unresolved(run: Run, band: float) -> list[str]:
 
 
 def _loss_warnings(run: Run) -> list[str]:
-    """Return warnings of joints whose numerical loss is not small compared with their friction.
+    """Return a warning if the numerical loss of joints is not small compared with their friction.
 
     Comparing with the largest energy is not enough, as most of it may be in the rock.
     """
     if not run.has("energy", *ENERGY_TERMS):
         return []
-    warnings = []
+    joints = []
     lines = energy_lines(run.results)
     largest = max(float(np.abs(line).max(initial=0.0)) for line in lines.values())
     for joint, (friction, lost) in joint_losses(run.results).items():
         if abs(lost) > LARGE_ENERGY_ERROR * max(friction, 0.02 * largest):
-            warnings.append(
-                f"in {joint!r} the time scheme {'lost' if lost > 0.0 else 'gained'} "
-                f"{plain(1e-3 * abs(lost))} kJ, and friction dissipated "
-                f"{plain(1e-3 * friction)} kJ. Use a smaller time step."
+            joints.append(
+                f"{plain(1e-3 * abs(lost))} kJ {'lost' if lost > 0.0 else 'gained'} in {joint!r}, "
+                f"where friction dissipated {plain(1e-3 * friction)} kJ"
             )
-    return warnings
+    if not joints:
+        return []
+    return [f"the time scheme changes the energy: {'; '.join(joints)}. Use a smaller time step."]
 
 
 def ending(run: Run) -> str:
@@ -168,7 +177,7 @@ def _dam(content: Content) -> list[Html]:
     time, moment = largest_moment(run)
     both = (views.UPSTREAM, views.DOWNSTREAM)
     drawn = views.deformed(run.results, time=time, groups=run.groups, azimuths_deg=both)
-    caption = f"{run.label} at t = {time:.3f} s, {moment}. The joints are red.{gaps_note(run)}"
+    caption = f"{run.label} at t = {time:.3f} s, {moment}.{gaps_note(run)}"
     path = content.save("dam", drawn, dpi=140)
     return [figure([content.drawings.picture(path, caption)], caption, wide=True)]
 

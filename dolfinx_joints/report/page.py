@@ -24,11 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dolfinx_joints.report.panels import Curve as Curve
-from dolfinx_joints.report.panels import floats as floats
-from dolfinx_joints.report.panels import integers as integers
-from dolfinx_joints.report.panels import panels as panels
-from dolfinx_joints.report.panels import picture as panels_picture
+from dolfinx_joints.report import panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,7 +70,7 @@ class Drawings:
 
     def plot(self, name: str, spec: dict[str, Any], caption: str) -> Html:
         """Return an interactive plot with a link to its picture, or the picture if printed."""
-        png = self.save(name, panels_picture(spec), 150 if self.printed else 90)
+        png = self.save(name, panels.picture(spec), 150 if self.printed else 90)
         if self.printed:
             return figure([self.picture(png, caption)], caption)
         self.plots[name] = spec
@@ -215,7 +211,7 @@ def page(
     contents is below them, in print above them.
     """
     style = files("dolfinx_joints.report").joinpath("report.css").read_text("utf-8")
-    given = "".join(f"<dt>{k}</dt><dd>{text(v)}</dd>" for k, v in facts.items() if v is not None)
+    given = "".join(f"<dt>{k}</dt><dd>{text(v)}</dd>" for k, v in facts.items() if v)
     contents = "".join(f'<li><a href="#{text(s.name)}">{text(s.title)}</a></li>' for s in sections)
     nav = f'<nav id="contents" aria-label="Contents"><h2>Contents</h2><ol>{contents}</ol></nav>'
     order = [nav, *top] if drawings.printed else [*top, nav]

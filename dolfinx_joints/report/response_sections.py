@@ -21,7 +21,8 @@ from dolfinx_joints.postprocessing.frames import (
     ground_name,
     has_ground_motion,
 )
-from dolfinx_joints.report.page import Curve, Html, Section, details, panels, paragraph, table
+from dolfinx_joints.report.page import Html, Section, details, paragraph, table
+from dolfinx_joints.report.panels import Curve, panels
 from dolfinx_joints.report.runs import Content, Run, components, nothing, zeros
 from dolfinx_joints.results.arguments import Component
 

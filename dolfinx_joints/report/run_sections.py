@@ -12,7 +12,8 @@ import numpy as np
 from dolfinx_joints import __version__
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.energy_lines import energy_lines, waves_at_end
-from dolfinx_joints.report.page import Cell, Curve, Section, panels, paragraph, plain, table
+from dolfinx_joints.report.page import Cell, Section, paragraph, plain, table
+from dolfinx_joints.report.panels import Curve, panels
 from dolfinx_joints.report.runs import Content, nothing
 from dolfinx_joints.results.quantities import ENERGY_TERMS
 

@@ -4,10 +4,9 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -25,10 +24,6 @@ from dolfinx_joints.results.arguments import COMPONENTS, Component
 from dolfinx_joints.results.reader import Results, listing
 
 _ENDINGS = (".h5", ".hdf5")
-_UNITS = "%|(?:Hz|mm|m|s|[kMG]?J|[kMG]?Pa|[kM]?N)\\b"
-_VARYING = re.compile(
-    rf"'[^']*'|(?<![\w.])[-−]?\d+(?:\.\d+)?(?:e[-−+]?\d+)?(?![\w])(?: ?(?:{_UNITS}))?"
-)
 
 
 @dataclass(frozen=True)
@@ -38,7 +33,7 @@ class Run:
     Attributes:
         results: The file.
         label: Shortest unique end of its path.
-        bars: Value and estimated error by name, see `write`.
+        bars: Value and estimated error by name of the values that the run has, see `write`.
     """
 
     results: Results
@@ -46,12 +41,12 @@ class Run:
     bars: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def bar(self, name: str, value: float, factor: float = 1.0) -> str:
-        """Return the error bar of a value, times a factor, as text; empty if it is another run's.
+        """Return the error bar of a value, times a factor, as text; empty without a bar.
 
         Names are those of `main_values`.
         """
         given, error = self.bars.get(name, (np.nan, np.nan))
-        if not np.isclose(abs(value), given, rtol=1e-6, atol=0.0):
+        if not _equal(abs(value), given):
             return ""
         return f"± {plain(factor * error)}, " if np.isfinite(error) else "grows with finer cells, "
 
@@ -183,17 +178,22 @@ def zeros(runs: Iterable[Run]) -> str:
     return common_frame({run.label: zero_name(run.results, run.relative_to) for run in runs})
 
 
-def _warn_of_bars(runs: Sequence[Run], bars: Mapping[str, tuple[float, float]]) -> None:
-    """Warn of error bars whose name or value no run has."""
+def _with_bars(runs: Sequence[Run], bars: Mapping[str, tuple[float, float]]) -> list[Run]:
+    """Return each run with the error bars of its values; warn of bars that no run has."""
     band = measures.common_band(*(run.results for run in runs if run.has("histories")))
-    values = [main_values(run.results, band=band) for run in runs]
-    unshown = [
-        name
-        for name, (given, _) in bars.items()
-        if not any(np.isclose(run.get(name, np.nan), given, rtol=1e-6, atol=0.0) for run in values)
-    ]
+    barred = []
+    for run in runs:
+        values = main_values(run.results, band=band)
+        own = {n: bar for n, bar in bars.items() if _equal(values.get(n, np.nan), bar[0])}
+        barred.append(replace(run, bars=own))
+    unshown = [name for name in bars if not any(name in run.bars for run in barred)]
     if unshown:
         warn(f"Error bars are not shown, as no run has these values: {listing(unshown)}.")
+    return barred
+
+
+def _equal(value: float, given: float) -> bool:
+    return bool(np.isclose(value, given, rtol=1e-6, atol=0.0))
 
 
 def largest_moment(run: Run) -> tuple[float, str]:
@@ -225,10 +225,8 @@ def opened(
     with ExitStack() as stack:
         files = [stack.enter_context(Results(path)) for path in paths]
         names = _names(resolved)
-        runs = [Run(file, name, bars or {}) for file, name in zip(files, names, strict=True)]
-        if bars:
-            _warn_of_bars(runs, bars)
-        yield runs
+        runs = [Run(file, name) for file, name in zip(files, names, strict=True)]
+        yield _with_bars(runs, bars) if bars else runs
 
 
 def nothing(name: str, title: str, missing: str) -> Section:
@@ -237,32 +235,17 @@ def nothing(name: str, title: str, missing: str) -> Section:
 
 
 def grouped(texts: Iterable[tuple[str, str]], everyone: Sequence[str] = ()) -> list[str]:
-    """Return sentences of runs, each a pair of label and text, with similar sentences as one.
+    """Return sentences of runs, each a pair of label and text, with equal sentences as one.
 
-    Sentences are similar if they differ only in numbers and quoted names. The label is left out of
-    a sentence that is that of ``everyone``.
+    The labels are left out of a sentence that all runs of ``everyone`` have.
     """
-    groups: dict[str, list[tuple[str, str]]] = {}
+    labels: dict[str, list[str]] = {}
     for label, text in dict.fromkeys(texts):
-        groups.setdefault(_VARYING.sub("…", text), []).append((label, text))
-    return [_joined(group, everyone) for group in groups.values()]
-
-
-def _joined(group: Sequence[tuple[str, str]], everyone: Sequence[str]) -> str:
-    """Return one sentence for similar sentences, with a list of what differs."""
-    labels = list(dict.fromkeys(label for label, _ in group))
-    first = group[0][1]
-    if all(text == first for _, text in group):
-        return first if labels == list(everyone) else f"{', '.join(labels)}: {first}"
-    values = [_VARYING.findall(text) for _, text in group]
-    differs = [len(set(column)) > 1 for column in zip(*values, strict=True)]
-    blanks = iter(differs)
-    words = _VARYING.sub(lambda match: "…" if next(blanks) else match[0], first)
-    lists = [
-        f"{label}: {', '.join(value for value, differ in zip(row, differs, strict=True) if differ)}"
-        for (label, _), row in zip(group, values, strict=True)
+        labels.setdefault(text, []).append(label)
+    return [
+        text if of_text == list(everyone) else f"{', '.join(of_text)}: {text}"
+        for text, of_text in labels.items()
     ]
-    return f"{words} ({'; '.join(lists)})"
 
 
 def _names(paths: Sequence[Path]) -> list[str]:

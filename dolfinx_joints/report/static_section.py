@@ -84,11 +84,12 @@ def gaps_note(run: Run) -> str:
 
 
 def stages(run: Run) -> list[StaticStage]:
-    """Return the static stages of a run, or the first record if there are no stages."""
+    """Return the static stages of a run, or without stages the first record if it is at rest."""
     static_stages = measures.static_stages(run.results)
-    if static_stages or not run.has("histories", "displacement"):
-        return static_stages
     results = run.results
+    moves = run.has("energy", "kinetic") and results.series("energy", "kinetic", 0) > 0.0
+    if static_stages or moves or not run.has("histories", "displacement"):
+        return static_stages
     moved = results.series("histories", "displacement", 0)
     joints = results.joints if run.has("states") else []
     return [
@@ -177,8 +178,7 @@ def _by_column(energy: StageEnergy) -> dict[str, float]:
 
 
 def jump_warnings(run: Run) -> list[str]:
-    """Return a warning for each static stage of a run in which the structure jumps."""
-    return [
-        f"the structure jumps in the static stage {name!r}: {'; '.join(jumps)}."
-        for name, jumps in stage_jumps(run.results).items()
-    ]
+    """Return a warning if the structure jumps in static stages of a run."""
+    stages = stage_jumps(run.results).items()
+    jumps = [f"in the static stage {name!r}: {'; '.join(texts)}" for name, texts in stages]
+    return [f"the structure jumps {'; '.join(jumps)}."] if jumps else []

@@ -4,11 +4,9 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -19,9 +17,8 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, ResultsError
 from dolfinx_joints.common.files import replacing
 from dolfinx_joints.common.parameters import check_kind_of
-from dolfinx_joints.postprocessing import views
 from dolfinx_joints.report import opening, sections
-from dolfinx_joints.report.page import Drawings, Html, Section, figure, page
+from dolfinx_joints.report.page import Drawings, page
 from dolfinx_joints.report.runs import Addition, Content, Run, linear_and_jointed, opened
 
 
@@ -36,7 +33,7 @@ def write(
     dam: str | None = None,
     client: str | None = None,
     author: str | None = None,
-    date: str | None = None,
+    date: Annotated[str | None, at.doc("a text such as 2026-11-29")] = None,
 ) -> Path:
     """Write a report on the runs of one or several results files.
 
@@ -53,7 +50,8 @@ def write(
         dam: Name of the dam, the title; by default the names of the runs.
         client: Client on the title page.
         author: Author on the title page.
-        date: Date on the title page; no date by default, so that equal input gives equal pages.
+        date: Date on the title page; no date by default, so that the same files give the same HTML
+            file.
 
     Returns:
         The path of the file.
@@ -85,8 +83,6 @@ def write(
         content = Content(ordered, drawings, main, reference)
         shown = sections.ordered(content, added, of_body=with_3d)
         top = opening.opening(content, added.note, of_body=with_3d)
-        if printed:
-            shown = [_with_pictures(section, content) for section in shown]
         facts = {"Client": client, "Author": author, "Date": date}
         html = page(_title(runs, dam), facts, top, shown, drawings)
         with replacing(target) as part:
@@ -102,27 +98,8 @@ def picture_folder(out: Path) -> Path:
     return out.with_name(f"{out.stem}_files")
 
 
-def _with_pictures(section: Section, content: Content) -> Section:
-    """Return a section with pictures of the first states of the 3-D view in place of the view."""
-    pieces = "".join(section.pieces)
-    if '<figure id="scene">' not in pieces:
-        return section
-    pictures = []
-    for number, scene in enumerate(content.drawings.scene, 1):
-        run = next(run for run in content.runs if run.label == scene["label"])
-        time, scale = scene["frames"][scene["start"]]["time"], scene["scale"]
-        drawn = views.deformed(run.results, time=time, scale=scale, groups=run.groups)
-        caption = f"{run.label} at t = {time:.3f} s, displacements enlarged {scale:g} times."
-        png = content.save(f"space_{number}", drawn)
-        pictures.append(figure([content.drawings.picture(png, caption)], caption))
-    shown = re.sub(
-        '<figure id="scene">.*?</figure>', lambda _: "".join(pictures), pieces, flags=re.S
-    )
-    return replace(section, pieces=[Html(shown)])
-
-
 def _title(runs: Sequence[Run], dam: str | None) -> str:
-    if dam is not None:
+    if dam:
         return f"Report: {dam}"
     cases = dict.fromkeys(
         str(r.results.metadata["case"]) for r in runs if "case" in r.results.metadata

@@ -1,11 +1,13 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Title, numbers of figures and tables, assumptions, grouped warnings and PDF of reports."""
+"""Title, numbers of figures and tables, assumptions, warnings and PDF of reports."""
 
+import datetime
 import re
 import sys
 from html import unescape
 from pathlib import Path
+from typing import Any
 
 import pytest
 from reading_back import captions
@@ -36,7 +38,7 @@ def bullets(html: str, section: str = "assumptions") -> list[str]:
     return [unescape(re.sub("<.*?>", "", item)) for item in re.findall("<li>(.*?)</li>", text)]
 
 
-def html_of(paths: list[Path], folder: Path, **options: str) -> str:
+def html_of(paths: list[Path], folder: Path, **options: Any) -> str:
     pytest.importorskip("plotly")
     return report.write(paths, folder / "out.html", with_3d=False, **options).read_text("utf-8")
 
@@ -53,6 +55,10 @@ def test_the_title_has_what_is_given(tmp_path):
     out = str(tmp_path / "cli.html")
     assert cli.main(["report", str(path), "--no-3d", "--out", out, *words]) == 0
     assert f"{given}<dt>Date</dt>" in Path(out).read_text("utf-8")
+    html = html_of([path], tmp_path, **dict.fromkeys(TITLE, ""))
+    assert "<header><h1>Report: run</h1></header>" in html
+    with pytest.raises(ValueError, match="it must be a text such as 2026-11-29 or None"):
+        html_of([path], tmp_path, date=datetime.date(2026, 11, 29))
 
 
 def test_numbers_follow_the_page_and_references_use_them():
@@ -110,34 +116,76 @@ def test_assumptions_are_those_of_the_file(tmp_path):
         "b: Water at upstream acts as added mass (WestergaardMass).",
         "b: The water is incompressible: it has no waves.",
         "b: Water pressure does not act in the joints.",
-        "Time steps are …, with the scheme EnergyConsistent. (a: 0.01 s; b: 0.02 s)",
+        "a: Time steps are 0.01 s, with the scheme EnergyConsistent.",
+        "b: Time steps are 0.02 s, with the scheme EnergyConsistent.",
     ):
         assert text in both
 
 
-def test_similar_sentences_are_one():
-    slip = "Joint 'joint_{}': slip reached {} % of the cell by t = {} s, at most 5 %."
-    texts = [("a", slip.format(1, 12.5, 1)), ("a", slip.format(2, 7, 0.5)), ("b", "The slip of 2")]
-    texts += [("b", slip.format(1, 9, 1)), ("c", "The slip of 2"), ("a", slip.format(1, 12.5, 1))]
-    assert grouped(texts) == [
-        "Joint …: slip reached … of the cell by t = …, at most 5 %. (a: 'joint_1', 12.5 %, 1 s; "
-        "a: 'joint_2', 7 %, 0.5 s; b: 'joint_1', 9 %, 1 s)",
-        "b, c: The slip of 2",
+def test_assumptions_name_components_dashpots_and_joints_without_friction(tmp_path):
+    friction = (
+        "FrictionNoTension(normal_stiffness=1e11, shear_stiffness={}, friction_angle_deg=5.0)"
+    )
+    made = MANIFEST | {
+        "joint_laws": {
+            "a": friction.format("0.5"),
+            "b": friction.format("0.0"),
+            "c": f"ViscousJoint(law={friction.format('0.0')}, normal_viscosity=1e8)",
+            "d": f"ViscousJoint(law={friction.format('0.5')}, normal_viscosity=1e8)",
+        },
+        "supports": [
+            "Fixed(group='base', components='xy', point=None)",
+            "Fixed(group='sides', components='xy', point=None)",
+            "Fixed(group='base', components='z', point=(0.0, 1.5, 0.0))",
+        ],
+        "settings": {"ground motion": "<function shake.<locals>.<lambda>>"},
+    }
+    found = bullets(html_of([write_run(tmp_path / "a.h5", facts={"manifest": made})], tmp_path))
+    laws = [text.partition(" (")[0] for text in found if text.startswith("The joints")]
+    shear, dashpots = "shear up to Coulomb's limit", ", and have dashpots that act while closed"
+    words = "The joints {} transmit pressure elastically, {}, no tension{}"
+    assert laws == [
+        words.format("a", shear, ""),
+        words.format("b", "no shear", ""),
+        words.format("c", "no shear", dashpots),
+        words.format("d", shear, dashpots),
     ]
+    for text in (
+        "The displacement along x, y relative to the ground is zero at base, sides.",
+        "The displacement along z relative to the ground is zero at the point (0, 1.5, 0) m.",
+        "The ground moves by a function of time, the same at all supports.",
+    ):
+        assert text in found
+
+
+def test_errors_are_estimated_only_for_the_run_of_the_bars(tmp_path):
+    # joint_1 opens by 3 mm in the jointed run; the linear run has no joint.
+    paths = [write_run(tmp_path / f"{name}.h5", name) for name in ("linear", "joints")]
+    found = bullets(html_of(paths, tmp_path, bars={"joint_1: opening [m]": (3e-3, 1e-4)}))
+    assert "linear: The errors of time step and mesh are not estimated (dj.accuracy)." in found
+    assert "linear: The body has no joints." in found
+    alone = bullets(html_of(paths[:1], tmp_path))
+    assert "The body has no joints." in alone
+    assert not any(text.startswith("Joints: ") for text in alone)
+
+
+def test_equal_sentences_are_one():
+    texts = [("a", "The slip of 1"), ("b", "The slip of 2"), ("c", "The slip of 2")]
+    assert grouped([*texts, texts[0]]) == ["a: The slip of 1", "b, c: The slip of 2"]
     assert grouped([("a", "x"), ("b", "x")], ["a", "b"]) == ["x"]
-    # Numbers with their signs and exponents, and no digits of names.
-    assert grouped([("a", "v1 is −1.5e−3 m"), ("b", "v1 is 2e5 m")]) == [
-        "v1 is … (a: −1.5e−3 m; b: 2e5 m)"
-    ]
 
 
 def test_warnings_of_several_runs_are_one_bullet(tmp_path):
     paths = [
-        write_run(tmp_path / f"{n}.h5", summary={"energy_error": error}, seconds=0.05)
-        for n, error in (("a", 0.07), ("b", 0.09))
+        write_run(
+            tmp_path / f"{n}.h5", summary={"energy_error": 0.0712}, seconds=0.05, status=status
+        )
+        for n, status in (("a", "complete"), ("b", "failed"), ("c", "failed"))
     ]
     html = html_of(paths, tmp_path)
-    assert "<li>the energy error is … of the largest energy. (a: 7.00%; b: 9.00%)</li>" in html
+    failed, error, *_ = re.findall("<li>(.*?)</li>", html[html.index("Warnings</h3>") :])
+    assert failed.startswith("b, c: failed at t = 0.05 s")
+    assert error == "a, b, c: the energy error is 7.12 % of the largest energy."
 
 
 def test_pdf_has_pictures_instead_of_scripts(tmp_path, monkeypatch):

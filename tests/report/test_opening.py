@@ -5,6 +5,7 @@
 import re
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from declared import declare_states
@@ -180,6 +181,13 @@ def test_a_file_without_stages_shows_its_first_record(tmp_path):
     assert row["largest pressure [MPa]"] == "0.1"
     assert row["area under pressure [%]"] == "50"
     assert row["normal force, pressure > 0 [MN]"] == "0.2"
+
+
+def test_a_first_record_that_moves_is_not_a_static_state(tmp_path):
+    path = write_run(tmp_path / "joints.h5")
+    with h5py.File(path, "r+") as file:
+        file["streams/energy/kinetic"][0] = 1.0  # [J]
+    assert "first record" not in cells_of([path], tmp_path)
 
 
 @pytest.mark.parametrize("left_out", [[], ["winter"]])

@@ -262,7 +262,7 @@ def envelope(
         strength[np.isinf(strength)] = np.nan
         scene.contours(nodes, body.shown, values / strength, [1.0], color="#1b7837", line_width=8.0)
         ends = [f"{end(strength[body.seen]):.3g}" for end in (np.nanmin, np.nanmax)]
-        line = f"\ngreen line: dynamic strength, {' to '.join(dict.fromkeys(ends))} MPa"
+        line = f"\ngreen line: dynamic tensile strength, {' to '.join(dict.fromkeys(ends))} MPa"
     scene.edges(nodes, body.shown, **OUTLINE)
     body.draw_translucent(scene, nodes)
     figure, axes = draw(scene, cameras)
@@ -350,4 +350,5 @@ def _opening_line(results: Results, number: int) -> str:
     if not widest:
         return ""
     joint = max(widest, key=lambda name: widest[name])
-    return f"\nwidest opening {widest[joint]:.2f} mm, {joint}" if widest[joint] > 0.0 else ""
+    value = round(widest[joint], 4)  # [mm]; smaller openings are rounding errors
+    return f"\nwidest opening {value:.3g} mm, {joint}" if value else ""

@@ -173,7 +173,7 @@ def test_arch_dam_from_a_step_file(comm, new_path):
     at_rest(path, arch_dam(comm, path), points={"crest": (INSIDE, 0.0, TALL)})
 
     def look():
-        value, printed = checked(path, "arch", "static compression / strength")
+        value, printed = checked(path, "arch", "static compression / compressive strength")
         assert value == pytest.approx(expected, rel=0.02)
         assert printed == pytest.approx(value, rel=5e-4)
 

@@ -66,8 +66,7 @@ def judged(run: Run) -> tuple[str, criteria.Checks | str | None]:
 
 def unmet(run: Run) -> str | None:
     """Return the criteria that a run does not meet, in words; None without checks."""
-    _, found = judged(run)
-    if found is None or isinstance(found, str):
+    if not isinstance(found := judged(run)[1], tuple):
         return found and "the run cannot be checked"
     limited = [row for row in found if row.met not in ("no limit", "not recorded")]
     failed = dict.fromkeys(row.criterion for row in limited if row.met == "no")

@@ -119,7 +119,7 @@ def picture(spec: dict[str, Any]) -> Figure:
         ax.margins(x=0.0)
         decorate(ax, abscissa["title"]["text"] if ax is axes[-1] else "", ordinate)
         words, _, unit = ordinate.partition(" [")
-        label = "\n".join([*textwrap.wrap(words, _LABEL), f"[{unit}"] if unit else [words])
+        label = "\n".join([*textwrap.wrap(words, _LABEL), *[f"[{unit}"] * bool(unit)])
         ax.yaxis.label.set(text=label, fontsize="small")
         ax.yaxis.set_label_coords(-0.09, 0.5)
         ax.set_ylim(layout[f"yaxis{number if number > 1 else ''}"].get("range"))

@@ -245,9 +245,8 @@ def _in_unit(kind: str, row: list[Any]) -> list[Cell]:
 
 def unit(kind: str, name: str) -> tuple[str, float]:
     """Return the title of a parameter, and the factor from SI to the unit in the title."""
-    last = name.rpartition(".")[2]
-    words = (last.replace("_", " "), 1.0)
-    return _UNITS.get(f"{kind}.{name}", _UNITS.get(name, _UNITS.get(last, words)))
+    names = (f"{kind}.{name}", name, last := name.rpartition(".")[2])
+    return next((_UNITS[n] for n in names if n in _UNITS), (last.replace("_", " "), 1.0))
 
 
 def _scaled(cell: Any, factor: float) -> Any:

@@ -83,8 +83,8 @@ def displacements(content: Content) -> Section:
         paragraph(
             "The strong phase ends at 95 % of the ground's Arias intensity, summed over the "
             "components. If the file has no ground acceleration, it is the whole run. The "
-            "frequency of a Fourier peak is accurate to half the frequency spacing (±). A peak is "
-            "higher than both neighbours and above 0 Hz, where residual displacements appear.",
+            "frequency of a Fourier peak is accurate to half the frequency spacing (±). Peaks are "
+            "sought above 0 Hz and exceed both neighbours: residual displacements are no peak.",
             "note",
         ),
     ]

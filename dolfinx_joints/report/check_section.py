@@ -40,12 +40,12 @@ def checks(content: Content) -> Section:
     """
     pieces = []
     for run in content.runs:
-        kind, found = judged(run)
-        if isinstance(found, str):
-            pieces.append(paragraph(f"{run.label} cannot be checked: {found}"))
-        elif found is not None:
+        kind, outcome = judged(run)
+        if isinstance(outcome, str):
+            pieces.append(paragraph(f"{run.label} cannot be checked: {outcome}"))
+        elif outcome is not None:
             title = f"Checks, limits of {kind} dams ({run.label})"
-            pieces.append(table(title, criteria.Check._fields, found))
+            pieces.append(table(title, criteria.Check._fields, outcome))
     if not pieces:
         return nothing("checks", "Checks", "strengths and no limits")
     return Section("checks", "Checks", [*pieces, paragraph(_NOTE, "note")])
@@ -66,9 +66,9 @@ def judged(run: Run) -> tuple[str, criteria.Checks | str | None]:
 
 def unmet(run: Run) -> str | None:
     """Return the criteria that a run does not meet, in words; None without checks."""
-    if not isinstance(found := judged(run)[1], tuple):
-        return found and "the run cannot be checked"
-    limited = [row for row in found if row.met not in ("no limit", "not recorded")]
+    if not isinstance(outcome := judged(run)[1], tuple):
+        return outcome and "the run cannot be checked"
+    limited = [row for row in outcome if row.met not in ("no limit", "not recorded")]
     failed = dict.fromkeys(row.criterion for row in limited if row.met == "no")
     return "; ".join(failed) or f"none of {len(limited)} with limits"
 

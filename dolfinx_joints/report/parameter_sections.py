@@ -134,12 +134,12 @@ def parsed(text: Any) -> Named:
     values: dict[str, Any] = {}
     for word in call.keywords:
         value = _value(word.value)
-        kind, nested = parsed(value) if isinstance(word.value, ast.Call) else ("", {})
-        if not nested or "argument 1" in nested:
+        kind, inner = parsed(value) if isinstance(word.value, ast.Call) else ("", {})
+        if not inner or "argument 1" in inner:
             values[str(word.arg)] = value
         else:  # an object such as SeepageLine
             values[str(word.arg)] = kind
-            values |= {f"{kind}.{key.rpartition('.')[2]}": v for key, v in nested.items()}
+            values |= {f"{kind}.{key.rpartition('.')[2]}": v for key, v in inner.items()}
     if ast.unparse(call.func) == "Gravity" and values.get("acceleration") is None:
         values["acceleration"] = f"{plain(STANDARD_GRAVITY)} downwards"
     values |= {f"argument {i}": _value(node) for i, node in enumerate(call.args, 1)}

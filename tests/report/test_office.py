@@ -170,7 +170,7 @@ def test_pdf_is_written(tmp_path):
 
 @pytest.mark.parametrize("wide", [False, True])
 def test_printed_pictures_keep_their_shape(wide):
-    """A tall and a broad picture, each larger than the page."""
+    """Print a tall and a broad picture, each larger than the page."""
     weasyprint = pytest.importorskip("weasyprint")
     from dolfinx_joints.postprocessing.axes import new_figure
 
@@ -183,9 +183,9 @@ def test_printed_pictures_keep_their_shape(wide):
         html = page.page("Report", {}, [], [section], page.Drawings(Path(), printed=True))
         sheets = weasyprint.HTML(string=html).render().pages
         boxes = [box for sheet in sheets for box in sheet._page_box.descendants()]
-        (found,) = {(box.width, box.height) for box in boxes if box.element_tag == "img"}
-        assert found[0] / found[1] == pytest.approx(width / height, rel=1e-3)
-        assert found[0] <= 170 * 96 / 25.4 + 1e-6  # the width of the page [px]
+        (size,) = {(box.width, box.height) for box in boxes if box.element_tag == "img"}
+        assert size[0] / size[1] == pytest.approx(width / height, rel=1e-3)
+        assert size[0] <= 170 * 96 / 25.4 + 1e-6  # the width of the page [px]
 
 
 def test_loads_are_in_words_with_units(tmp_path):
@@ -212,8 +212,8 @@ def test_main_results_name_the_checks_that_are_not_met(tmp_path):
         limits = {"kind": "arch", "crest": "mid-crest", "drift": drift, "residual_slip": 1e-3}
         path = write_run(tmp_path / f"{drift:g}.h5", facts={"checks": limits}, seconds=0.5)
         html = html_of([path], tmp_path)
-        (found,) = re.findall(r">checks that are not met</th><td[^>]*>(.*?)</td>", html)
-        assert found == words
+        (cell,) = re.findall(r">checks that are not met</th><td[^>]*>(.*?)</td>", html)
+        assert cell == words
     path = write_run(tmp_path / "bad.h5", facts={"checks": {"sped": 1}}, seconds=0.05)
     assert "the run cannot be checked</td>" in html_of([path], tmp_path)
     path = write_run(tmp_path / "none.h5", seconds=0.05)

@@ -122,8 +122,8 @@ def test_rounding_errors_are_zero_in_static_tables() -> None:
     # Shear of 1e-12 of the normal force is rounding, so its safety is undefined: a dash.
     forces = {"normal_force": 4e6, "shear_force": 4e-6, "water_force": -1e6}
     safeties = {"plane_safety": np.inf, "sliding_safety": 98.0}
-    rest = {"contact": 1.0, "opening_max": 1e-12, "slip_max": 2e-3, "pressure_max": 1e6}
-    cells = static_section._joint_cells(measures.StageJoint(**forces, **safeties, **rest))
+    others = {"contact": 1.0, "opening_max": 1e-12, "slip_max": 2e-3, "pressure_max": 1e6}
+    cells = static_section._joint_cells(measures.StageJoint(**forces, **safeties, **others))
     assert cells == [0.0, 2.0, 4.0, 0.0, None, 98.0, 100.0, 1.0, -1.0]
     assert static_section._shown(-3e-10, 1.0) == 0.0
     assert static_section._shown(-3e-8, 1.0) == -3e-8

@@ -27,6 +27,7 @@ class StageJoint:
     Attributes:
         normal_force: Effective force along the mean normal, positive in compression [N].
         shear_force: Magnitude of the force in the mean plane [N].
+        plane_safety: As in `JointResultants`, of the resultants.
         sliding_safety: As in `JointResultants`; NaN if no force is transmitted.
         contact: Share of the area under pressure.
         opening_max: Largest opening [m].
@@ -38,6 +39,7 @@ class StageJoint:
 
     normal_force: float
     shear_force: float
+    plane_safety: float
     sliding_safety: float
     contact: float
     opening_max: float
@@ -161,6 +163,7 @@ def joint_in_state(
     return StageJoint(
         normal_force=float(forces.normal_force[number]),
         shear_force=float(forces.shear_force[number]),
+        plane_safety=float(forces.plane_safety[number]),
         sliding_safety=float(forces.sliding_safety[number]),
         contact=float(forces.contact[number]),
         opening_max=float(gap[:, 0].max(initial=0.0)),

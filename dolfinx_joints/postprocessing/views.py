@@ -264,7 +264,7 @@ def envelope(
         strength[np.isinf(strength)] = np.nan
         scene.contours(nodes, body.shown, values / strength, [1.0], color="#1b7837", line_width=8.0)
         ends = [f"{end(strength[body.seen]):.3g}" for end in (np.nanmin, np.nanmax)]
-        line = f"\ngreen line: dynamic strength, {' to '.join(dict.fromkeys(ends))} MPa"
+        line = f"\ngreen line: dynamic tensile strength, {' to '.join(dict.fromkeys(ends))} MPa"
     scene.edges(nodes, body.shown, **OUTLINE)
     body.draw_translucent(scene, nodes)
     figure, axes = draw(scene, cameras)
@@ -352,5 +352,6 @@ def _largest(results: Results, number: int, *, slip: bool = False) -> str:
     text = ""
     for name, of_joints in sizes.items():
         size, joint = max(((v.max(initial=0.0), j) for j, v in of_joints.items()), default=(0, ""))
-        text += f"\n{name} {1e3 * size:.2f} mm, {joint}" if size > 0.0 else ""
+        value = round(1e3 * size, 4)  # [mm]; smaller values are rounding errors
+        text += f"\n{name} {value:.3g} mm, {joint}" if value > 0.0 else ""
     return text

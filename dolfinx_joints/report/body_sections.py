@@ -135,7 +135,7 @@ def _crosses(content: Content, run: Run) -> list[Html]:
         drawn = views.principal_stresses(run.results, groups=run.groups, **state)
         path = content.save(f"principal_{'_'.join(state)}", drawn)
         caption = f"Principal stresses in the plane {words}, {run.label}."
-        pictures.append(figure([content.drawings.picture(path, caption)], caption))
+        pictures.append(figure([content.drawings.picture(path, caption)], caption, wide=True))
     return pictures
 
 

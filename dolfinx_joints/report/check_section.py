@@ -15,14 +15,16 @@ from dolfinx_joints.postprocessing.criteria.sliding import recorded_blocks
 from dolfinx_joints.postprocessing.envelopes import DYNAMIC_TENSILE
 from dolfinx_joints.report.page import Html, Section, paragraph, table
 from dolfinx_joints.report.panels import Curve, panels
-from dolfinx_joints.report.runs import Content, nothing
+from dolfinx_joints.report.runs import Content, Run, nothing
 from dolfinx_joints.results.quantities import TABLE
 
 _NOTE = (
     "Default limits are the linear criteria of USACE EM 1110-2-6053 (2007) and of Y. Ghanaat and "
     "A. Chudgar; check them against the edition that applies. Stresses are those of the "
     "cell groups with joints, at vertices with a strength; other tables of stresses cover all "
-    "recorded vertices."
+    "recorded vertices. The dynamic tensile strength is dynamic_factor, 1 by default, times the "
+    "tensile strength. The least sliding safety is 1 if a joint slides at any instant, even if "
+    "the slip is negligible: judge slip by its own limits."
 )
 _SLIDING = (
     "The factor of safety F is the shear strength of the planes under the forces on a rigid block, "
@@ -39,20 +41,37 @@ def checks(content: Content) -> Section:
     """
     pieces = []
     for run in content.runs:
-        given = run.results.metadata.get("checks")
-        if given is not None or DYNAMIC_TENSILE in run.results.statics:
-            arguments: dict[str, Any] = {"kind": "gravity"}
-            arguments |= given if isinstance(given, Mapping) else {}
-            try:
-                rows = criteria.checks(run.results, **arguments)
-            except (TypeError, ValueError, JointsError) as error:
-                pieces.append(paragraph(f"{run.label} cannot be checked: {error}"))
-                continue
-            title = f"Checks, limits of {arguments['kind']} dams ({run.label})"
-            pieces.append(table(title, criteria.Check._fields, rows))
+        kind, outcome = judged(run)
+        if isinstance(outcome, str):
+            pieces.append(paragraph(f"{run.label} cannot be checked: {outcome}"))
+        elif outcome is not None:
+            title = f"Checks, limits of {kind} dams ({run.label})"
+            pieces.append(table(title, criteria.Check._fields, outcome))
     if not pieces:
         return nothing("checks", "Checks", "strengths and no limits")
     return Section("checks", "Checks", [*pieces, paragraph(_NOTE, "note")])
+
+
+def judged(run: Run) -> tuple[str, criteria.Checks | str | None]:
+    """Return kind of the dam, and checks, the text of an error, or None without limits."""
+    given = run.results.metadata.get("checks")
+    arguments: dict[str, Any] = {"kind": "gravity"}
+    arguments |= given if isinstance(given, Mapping) else {}
+    if given is None and DYNAMIC_TENSILE not in run.results.statics:
+        return arguments["kind"], None
+    try:
+        return arguments["kind"], criteria.checks(run.results, **arguments)
+    except (TypeError, ValueError, JointsError) as error:
+        return str(arguments["kind"]), str(error)
+
+
+def unmet(run: Run) -> str | None:
+    """Return the criteria that a run does not meet, in words; None without checks."""
+    if not isinstance(outcome := judged(run)[1], tuple):
+        return outcome and "the run cannot be checked"
+    limited = [row for row in outcome if row.met not in ("no limit", "not recorded")]
+    failed = dict.fromkeys(row.criterion for row in limited if row.met == "no")
+    return "; ".join(failed) or f"none of {len(limited)} with limits"
 
 
 def sliding(content: Content) -> Section | None:

@@ -15,6 +15,7 @@ from dolfinx_joints.postprocessing.energy_lines import energy_lines, joint_losse
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
 from dolfinx_joints.postprocessing.frames import common_frame, frame_name, zero_name
 from dolfinx_joints.postprocessing.peaks import Peak
+from dolfinx_joints.report.check_section import unmet
 from dolfinx_joints.report.page import (
     Cell,
     Html,
@@ -212,7 +213,7 @@ def _stress(name: EnvelopeName) -> Callable[[Run], Cell]:
         if np.isnan(peak.value):
             return None
         bar = run.bar(peaks.STRESSES[name], peak.value, 1e-6)
-        return valued(1e-6 * peak.value, f"{bar}at {place(peak)}")
+        return valued(1e-6 * peak.value, f"{bar}at {place(peak, len(run.components))}")
 
     return cell
 
@@ -235,6 +236,7 @@ def _rows(band: float, runs: Sequence[Run]) -> Sequence[tuple[str, Callable[[Run
         (f"largest tension {_SINCE} [MPa]", _stress("principal_max")),
         (f"largest compression {_SINCE} [MPa]", _stress("principal_min")),
         ("energy error [%]", _energy_error),
+        ("checks that are not met", unmet),
     )
 
 
@@ -262,6 +264,6 @@ def _millimetres(run: Run, joint: str, name: str, peak: Peak) -> Cell:
     return valued(1e3 * peak.value, f"{bar}{plain(peak.time)} s at {where}")
 
 
-def place(peak: Peak, axes: int = 3) -> str:
+def place(peak: Peak, axes: int) -> str:
     """Return the coordinates along the first axes as text."""
     return f"({', '.join(plain(round(float(x), 1) + 0.0) for x in peak.place[:axes])}) m"

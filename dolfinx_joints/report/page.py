@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MANY = 10  # columns, beyond which a table is small in print
+_SHORT = 15  # rows, up to which a printed table is on one page
 Cell = Any  # a number, a text, None, or HTML
 
 
@@ -169,7 +170,8 @@ def table(caption: str, head: Sequence[Cell], rows: Sequence[Sequence[Cell]]) ->
         for cell, kind in zip(head, kinds, strict=True)
     )
     body = "".join(_row(row, kinds) for row in rows)
-    start = _scrolling(caption, "many" if len(head) > _MANY else "")
+    kind = "short" if len(rows) <= _SHORT else ""
+    start = _scrolling(caption, f"{kind} many" if len(head) > _MANY else kind)
     return Html(
         f"{start}<table><caption>{text(caption)}</caption>"
         f"<thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>"
@@ -259,7 +261,7 @@ def _scrolling(label: str, kind: str = "") -> str:
 def _row(row: Sequence[Cell], kinds: Sequence[str]) -> str:
     if len(row) == 1:
         span = f'scope="colgroup" class="group" colspan="{len(kinds)}"'
-        return f"<tr><th {span}>{text(row[0])}</th></tr>"
+        return f'<tr class="group"><th {span}>{text(row[0])}</th></tr>'
     cells = "".join(
         f"<td{_class(kind or 'text')}>{text(cell)}</td>"
         for cell, kind in zip(row[1:], kinds[1:], strict=True)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import base64
+import textwrap
 from collections.abc import Sequence
 from html import escape, unescape
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,7 @@ _LINES = ("solid", "solid", "dash", "dot", "dashdot", "solid", "dash", "dot")
 _SHOWN = 2  # number of runs that are visible at first
 _WIDTH, _LEFT = 6.7, 0.9  # of a picture and of the space at its left [inch]
 _COLUMNS = 4  # of a legend
+_LABEL = 18  # letters in a line of a picture's ordinate
 _DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}  # matplotlib's of plotly's
 
 
@@ -104,7 +106,7 @@ def picture(spec: dict[str, Any]) -> Figure:
     above, below, height = 0.25 + 0.2 * (len(names) // _COLUMNS), 0.5, 1.15 * len(ordinates)
     total = above + height + below
     figure = new_figure(figsize=(_WIDTH, total))
-    figure.subplots_adjust(_LEFT / _WIDTH, below / total, 0.98, 1.0 - above / total, hspace=0.15)
+    figure.subplots_adjust(_LEFT / _WIDTH, below / total, 0.97, 1.0 - above / total, hspace=0.15)
     axes = figure.subplots(len(ordinates), sharex=True, squeeze=False)[:, 0]
     for trace in spec["data"]:
         ax, line = axes[int(trace["yaxis"][1:] or 1) - 1], trace["line"]
@@ -116,7 +118,9 @@ def picture(spec: dict[str, Any]) -> Figure:
     for number, (ax, ordinate) in enumerate(zip(axes, ordinates, strict=True), 1):
         ax.margins(x=0.0)
         decorate(ax, abscissa["title"]["text"] if ax is axes[-1] else "", ordinate)
-        ax.yaxis.label.set(text=ordinate.replace(" [", "\n["), fontsize="small")
+        words, _, unit = ordinate.partition(" [")
+        label = "\n".join([*textwrap.wrap(words, _LABEL), *[f"[{unit}"] * bool(unit)])
+        ax.yaxis.label.set(text=label, fontsize="small")
         ax.yaxis.set_label_coords(-0.09, 0.5)
         ax.set_ylim(layout[f"yaxis{number if number > 1 else ''}"].get("range"))
         for shape in layout.get("shapes", ()):

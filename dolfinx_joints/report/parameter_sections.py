@@ -9,8 +9,9 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.postprocessing import measures
-from dolfinx_joints.report.page import Cell, Html, Section, table
+from dolfinx_joints.report.page import Cell, Html, Section, plain, table
 from dolfinx_joints.report.runs import Content, Run
 from dolfinx_joints.results.overview import joints_by_law
 
@@ -61,6 +62,12 @@ _UNITS = {
     "Pressure.value": ("value [MPa]", 1e-6),
     "Traction.value": ("value [MPa]", 1e-6),
     "point": ("point [m]", 1.0),
+    "SeepageLine.start": ("start of the line [m]", 1.0),
+    "SeepageLine.end": ("end of the line [m]", 1.0),
+    "SeepageLine.upstream": ("level upstream [m]", 1.0),
+    "SeepageLine.downstream": ("level downstream [m]", 1.0),
+    "SeepageLine.drain": ("drain: place on the line, remaining fraction", 1.0),
+    "Gravity.acceleration": ("acceleration [m/s²]", 1.0),
     "FreeField.surface": ("height of the surface [m]", 1.0),
     "FreeField.base": ("height of the base [m]", 1.0),
     "ObliqueFreeField.surface": ("height of the surface [m]", 1.0),
@@ -126,7 +133,17 @@ def parsed(text: Any) -> Named:
         return str(text), {}
     if not isinstance(call, ast.Call):
         return str(text), {}
-    values = {word.arg: _value(word.value) for word in call.keywords if word.arg}
+    values: dict[str, Any] = {}
+    for word in call.keywords:
+        value = _value(word.value)
+        kind, inner = parsed(value) if isinstance(word.value, ast.Call) else ("", {})
+        if not inner or "argument 1" in inner:
+            values[str(word.arg)] = value
+        else:  # an object such as SeepageLine
+            values[str(word.arg)] = kind
+            values |= {f"{kind}.{key.rpartition('.')[2]}": v for key, v in inner.items()}
+    if ast.unparse(call.func) == "Gravity" and values.get("acceleration") is None:
+        values["acceleration"] = f"{plain(STANDARD_GRAVITY)} downwards"
     values |= {f"argument {i}": _value(node) for i, node in enumerate(call.args, 1)}
     return ast.unparse(call.func), values
 
@@ -223,17 +240,21 @@ def _table(title: str, head: list[Cell], groups: list[Groups]) -> Html | None:
 def _in_unit(kind: str, row: list[Any]) -> list[Cell]:
     """Return a parameter's row with its title, converted to the unit in the title."""
     title, factor = unit(kind, row[0])
+    if all(isinstance(cell, str | None) for cell in row[1:]) and kind != "Gravity":
+        title = title.partition(" [")[0]
     return [title, *(_scaled(cell, factor) for cell in row[1:])]
 
 
 def unit(kind: str, name: str) -> tuple[str, float]:
     """Return the title of a parameter, and the factor from SI to the unit in the title."""
-    plain = (name.replace("_", " "), 1.0)
-    return _UNITS.get(f"{kind}.{name}", _UNITS.get(name, plain))
+    names = (f"{kind}.{name}", name, last := name.rpartition(".")[2])
+    return next((_UNITS[n] for n in names if n in _UNITS), (last.replace("_", " "), 1.0))
 
 
 def _scaled(cell: Any, factor: float) -> Any:
     """Return numbers times a factor, texts and lists unchanged, anything else as text."""
+    if isinstance(cell, Mapping):
+        return ", ".join(f"{name}: {plain(value)}" for name, value in cell.items())
     if isinstance(cell, tuple):
         return tuple(_scaled(item, factor) for item in cell)
     if factor != 1.0 and isinstance(cell, int | float):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.common.arrays import Floats
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.motions.processing import low_pass
 from dolfinx_joints.motions.spectra import equally_spaced, fourier_amplitude, response_spectrum
 from dolfinx_joints.postprocessing import measures
@@ -33,16 +34,36 @@ SPECTRUM_DAMPING = 0.05
 _DISPLACEMENTS = "Earthquake: displacements"
 
 
+def ground(content: Content) -> Section | None:
+    """Return the section with the ground's acceleration and its peaks, None without a ground."""
+    runs = [run for run in content.runs if has_ground_motion(run.results)]
+    if not runs:
+        return None
+    names, rows = components(runs), []
+    curves: list[list[Curve]] = [[] for _ in names]
+    for run in runs:
+        time, acceleration = ground_motion(run.results)
+        for panel, series in zip(curves, acceleration[:, : len(run.components)].T, strict=False):
+            panel.append((run.label, time, series))
+        largest = np.abs(acceleration).max(axis=0)[: len(names)] / STANDARD_GRAVITY
+        until = measures.strong_phase_end(run.results)
+        rows.append([run.label, float(time[-1] - time[0]), until, *largest.tolist()])
+    head = ["run", "duration [s]", "strong phase ends [s]", *(f"largest {c} [g]" for c in names)]
+    spec = panels(curves, [f"{component} [m/s²]" for component in names], "time [s]")
+    where = common_frame({run.label: ground_name(run.results) for run in runs})
+    caption = f"Acceleration of the {where} against time, not filtered."
+    plotted = content.drawings.plot("ground-motion", spec, caption)
+    pieces = [table("Largest accelerations of the ground", head, rows), plotted]
+    return Section("ground", "Earthquake: ground motion", pieces)
+
+
 def displacements(content: Content) -> Section:
     """Return the section with histories, Fourier amplitudes and peaks of each point."""
     runs = [run for run in content.runs if run.moves]
     if not runs:
         return nothing("displacements", _DISPLACEMENTS, "histories of two records or more")
     pieces = [
-        paragraph(
-            f"Displacements are {_frames(runs)}, {zeros(runs)}.",
-            "note",
-        ),
+        paragraph(f"Displacements are {_frames(runs)}, {zeros(runs)}.", "note"),
         paragraph(
             "Click a name in a legend to show or hide a run; only two runs are visible at first.",
             "note screen",
@@ -63,7 +84,8 @@ def displacements(content: Content) -> Section:
         paragraph(
             "The strong phase ends at 95 % of the ground's Arias intensity, summed over the "
             "components. If the file has no ground acceleration, it is the whole run. The "
-            "frequency of a Fourier peak is accurate to half the frequency spacing (±).",
+            "frequency of a Fourier peak is accurate to half the frequency spacing (±). Peaks are "
+            "sought above 0 Hz and exceed both neighbours: residual displacements are no peak.",
             "note",
         ),
     ]

@@ -46,14 +46,8 @@ def cost(content: Content) -> Section:
     names = dict.fromkeys(name for stage in stages for name in stage)
     rows += [[f"{name} [s]", *(stage.get(name) for stage in stages)] for name in names]
     rows.append(["total [s]", *(run.seconds for run in content.runs)])
-    return Section(
-        "cost",
-        "Cost",
-        [
-            table("Work of each run", _head("", content), rows),
-            paragraph("Times are wall-clock times of the computation.", "note"),
-        ],
-    )
+    note = paragraph("Times are wall-clock times of the computation.", "note")
+    return Section("cost", "Cost", [table("Work of each run", _head("", content), rows), note])
 
 
 def energies(content: Content) -> Section:
@@ -120,11 +114,8 @@ def convergence(content: Content) -> Section:
     spec = panels([p for p, _ in drawn], [t for _, t in drawn], "time [s]")
     states = ", ".join(row.label for row in rows)
     caption = f"Iterations of each step, and shares of joint points without tied ones: {states}."
-    return Section(
-        "iterations",
-        "Iterations and joint states",
-        [content.drawings.plot("iterations-plot", spec, caption)],
-    )
+    plotted = content.drawings.plot("iterations-plot", spec, caption)
+    return Section("iterations", "Iterations and joint states", [plotted])
 
 
 def versions(content: Content) -> Section:
@@ -135,22 +126,13 @@ def versions(content: Content) -> Section:
     ]
     packages = ["numpy", "scipy", "h5py", "matplotlib", "pyvista"]
     packages.append("weasyprint" if content.drawings.printed else "plotly")
-    return Section(
-        "versions",
-        "Files and versions",
-        [
-            table("Results files", ["run", "file", "created (UTC)", "status"], rows),
-            table(
-                "This report was written with",
-                ["package", "version"],
-                [
-                    ["dolfinx_joints", __version__],
-                    ["Python", sys.version.split()[0]],
-                    *([p, _version(p)] for p in packages),
-                ],
-            ),
-        ],
-    )
+    own = [["dolfinx_joints", __version__], ["Python", sys.version.split()[0]]]
+    used = [*own, *([package, _version(package)] for package in packages)]
+    pieces = [
+        table("Results files", ["run", "file", "created (UTC)", "status"], rows),
+        table("This report was written with", ["package", "version"], used),
+    ]
+    return Section("versions", "Files and versions", pieces)
 
 
 def _head(first: str, content: Content) -> list[str]:

@@ -22,6 +22,7 @@ from dolfinx_joints.report.runs import Addition, Content
 
 SECTIONS: tuple[Callable[[Content], Section | None], ...] = (
     static_section.statics,
+    response_sections.ground,
     response_sections.displacements,
     response_sections.response_spectra,
     body_sections.space,

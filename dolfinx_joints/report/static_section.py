@@ -4,14 +4,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.postprocessing import measures, views
 from dolfinx_joints.postprocessing.body import Body
 from dolfinx_joints.postprocessing.joints.resultants import joint_geometry, joint_resultants
-from dolfinx_joints.postprocessing.measures import StageEnergy, StaticStage
+from dolfinx_joints.postprocessing.measures import StageEnergy, StageJoint, StaticStage
 from dolfinx_joints.postprocessing.plots import energy_unit
 from dolfinx_joints.postprocessing.rendering import round_scale
 from dolfinx_joints.postprocessing.static_stages import joint_in_state, stage_jumps
@@ -26,8 +28,21 @@ _ENERGIES_NOTE = (
     "include it. More load steps reduce it unless the structure jumps."
 )
 
+_JOINTS_NOTE = (
+    "Safety N tan φ / V is that of the row's forces, where bonds add cohesion times intact area to "
+    "N tan φ. Safety of magnitudes divides by the shear of the points summed as magnitudes, where "
+    "opposite shears do not cancel. A dash means no shear, no friction angle, or a curved joint."
+)
+_REACTIONS_NOTE = (
+    "Reactions are forces of supports on the body. A node of several supports counts in each of "
+    "them. The file does not name these nodes, so the reactions are not summed."
+)
+
 # Energies below this fraction of the largest one are rounding errors and shown as zero.
 _ROUNDING = 1e-12
+
+# Displacements and forces below this fraction of the largest one are shown as zero.
+_NOISE = 1e-9
 
 
 def statics(content: Content) -> Section:
@@ -109,17 +124,12 @@ def stages(run: Run) -> list[StaticStage]:
 
 def _tables(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
     """Return tables of displacements, joints, stresses and energies of a run by stage."""
-    moved: list[list[Cell]] = []
+    moved = _vectors(run, {s.name: s.displacement for s in static_stages}, 1e3)
+    reactions = _vectors(run, {s.name: s.reaction for s in static_stages}, 1e-6)
     joints: list[list[Cell]] = []
     for stage in static_stages:
-        moved += [[stage.name]] + [
-            [point, *(1e3 * float(u) for u in values[: len(run.components)])]
-            for point, values in stage.displacement.items()
-        ]
-        joints += [[stage.name]] + [
-            [name, *(row.factor * float(getattr(joint, row.name)) for row in TABLE["stage_joints"])]
-            for name, joint in stage.joints.items()
-        ]
+        joints += [[stage.name]]
+        joints += [[name, *_joint_cells(joint)] for name, joint in stage.joints.items()]
     pieces = []
     if static_stages[0].displacement:
         head = ["point", *(f"{component} [mm]" for component in run.components)]
@@ -127,10 +137,15 @@ def _tables(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
     if static_stages[0].joints:
         head = ["joint", *(row.heading for row in TABLE["stage_joints"])]
         pieces.append(table(f"Joints in the static stages ({run.label})", head, joints))
+        pieces.append(paragraph(_JOINTS_NOTE, "note"))
         warnings = {name: joint_geometry(run.results, name).warning for name in run.results.joints}
         pieces += [
             paragraph(f"{name} is {text}.", "note") for name, text in warnings.items() if text
         ]
+    if static_stages[0].reaction:
+        head = ["support", *(f"{component} [MN]" for component in run.components)]
+        pieces.append(table(f"Reactions of the supports ({run.label})", head, reactions))
+        pieces.append(paragraph(_REACTIONS_NOTE, "note"))
     names = [
         n
         for n in static_stages[0].stresses
@@ -142,6 +157,32 @@ def _tables(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
         pieces.append(table(f"Static stresses, tension > 0 ({run.label})", head, rows))
     jumps = [paragraph(f"{run.label}: {text}") for text in jump_warnings(run)]
     return [*pieces, *_energies(run, static_stages), *jumps]
+
+
+def _joint_cells(joint: StageJoint) -> list[Cell]:
+    """Return the columns of a joint: rounding errors are 0, infinite safeties None."""
+    values = {row: float(getattr(joint, row.name)) for row in TABLE["stage_joints"]}
+    largest = max(abs(value) for row, value in values.items() if row.unit == "N")
+    scales = {"N": largest, "m": 1.0}  # gaps below 1 nm are zero
+    shown = [row.factor * _shown(v, scales.get(row.unit, 0.0)) for row, v in values.items()]
+    return [value if np.isfinite(value) else None for value in shown]
+
+
+def _vectors(run: Run, stages: Mapping[str, Mapping[str, Floats]], factor: float) -> list[Any]:
+    """Return rows of the named vectors of each stage, times a factor; rounding errors are 0."""
+    vectors = [vector for of_stage in stages.values() for vector in of_stage.values()]
+    largest, axes = np.abs(vectors).max(initial=0.0), len(run.components)
+    rows: list[Any] = []
+    for stage, of_stage in stages.items():
+        rows.append([stage])
+        for name, vector in of_stage.items():
+            rows.append([name, *(factor * _shown(value, largest) for value in vector[:axes])])
+    return rows
+
+
+def _shown(value: float, scale: float) -> float:
+    """Return a value, or 0 if it is a rounding error of values of the size ``scale``."""
+    return 0.0 if abs(value) <= _NOISE * scale else float(value)
 
 
 def _energies(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Title, numbers of figures and tables, assumptions, warnings and PDF of reports."""
 
+import base64
 import datetime
+import io
 import re
 import sys
 from html import unescape
@@ -212,6 +214,58 @@ def test_pdf_is_written(tmp_path):
     written = report.write([path], tmp_path / "out.pdf", with_3d=False, **TITLE).read_bytes()
     assert written.startswith(b"%PDF-")
     assert b"%%EOF" in written[-10:]
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_printed_pictures_keep_their_shape(wide):
+    """Print a tall and a broad picture, each larger than the page."""
+    weasyprint = pytest.importorskip("weasyprint")
+    from dolfinx_joints.postprocessing.axes import new_figure
+
+    for width, height in ((8.0, 20.0), (20.0, 8.0)):
+        drawn = io.BytesIO()
+        new_figure(figsize=(width, height)).savefig(drawn, dpi=100)
+        data = base64.b64encode(drawn.getvalue()).decode()
+        image = page.Html(f'<img src="data:image/png;base64,{data}" alt=""/>')
+        section = page.Section("one", "One", [page.figure([image], "A figure.", wide=wide)])
+        html = page.page("Report", {}, [], [section], page.Drawings(Path(), printed=True))
+        sheets = weasyprint.HTML(string=html).render().pages
+        boxes = [box for sheet in sheets for box in sheet._page_box.descendants()]
+        (size,) = {(box.width, box.height) for box in boxes if box.element_tag == "img"}
+        assert size[0] / size[1] == pytest.approx(width / height, rel=1e-3)
+        assert size[0] <= 170 * 96 / 25.4 + 1e-6  # the width of the page [px]
+
+
+def test_loads_are_in_words_with_units(tmp_path):
+    line = "SeepageLine(start=(0.0, 20.0), end=(16.5, 20.0), upstream=38.0, drain=None)"
+    uplift = f"Uplift(joint='joint_1', pressure={line}, factor=constant)"
+    loads = [*MANIFEST["loads"], uplift, "Uplift(joint='joint_2', pressure=2e6)"]
+    facts = {"manifest": MANIFEST | {"loads": loads}, "study": {"kind": "arch", "share": 0.5}}
+    html = html_of([write_run(tmp_path / "run.h5", facts=facts)], tmp_path)
+    rows = re.findall(r'<tr><th scope="row">(.*?)</th><td[^>]*>(.*?)</td></tr>', html)
+    assert {
+        ("acceleration [m/s²]", "9.807 downwards"),
+        ("pressure", "SeepageLine"),
+        ("start of the line [m]", "0, 20"),
+        ("end of the line [m]", "16.5, 20"),
+        ("level upstream [m]", "38"),
+        ("study", "kind: arch, share: 0.5"),
+    } <= set(rows)
+    assert any(title == "pressure [MPa]" and value == "2" for title, value in rows)
+
+
+def test_main_results_name_the_checks_that_are_not_met(tmp_path):
+    # The residual slip of the run is 0: a limit of 1 mm is met. The drift is above 0.
+    for drift, words in ((0.1, "none of 2 with limits"), (0.0, "crest displacement / height")):
+        limits = {"kind": "arch", "crest": "mid-crest", "drift": drift, "residual_slip": 1e-3}
+        path = write_run(tmp_path / f"{drift:g}.h5", facts={"checks": limits}, seconds=0.5)
+        html = html_of([path], tmp_path)
+        (cell,) = re.findall(r">checks that are not met</th><td[^>]*>(.*?)</td>", html)
+        assert cell == words
+    path = write_run(tmp_path / "bad.h5", facts={"checks": {"sped": 1}}, seconds=0.05)
+    assert "the run cannot be checked</td>" in html_of([path], tmp_path)
+    path = write_run(tmp_path / "none.h5", seconds=0.05)
+    assert "checks that are not met" not in html_of([path], tmp_path)
 
 
 def test_pdf_needs_its_package(tmp_path, monkeypatch):

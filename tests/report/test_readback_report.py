@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from declared import declare_energy, write_states
 from reading_back import Tables, captions, curves, lines, low_passed
+from reading_back import number as number_of
 from written_runs import (
     JOINT,
     NODES,
@@ -31,7 +32,12 @@ from dolfinx_joints.common.errors import PlausibilityWarning
 from dolfinx_joints.motions.spectra import equally_spaced, fourier_amplitude, response_spectrum
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
-from dolfinx_joints.report import body_sections, joint_sections, response_sections
+from dolfinx_joints.report import (
+    body_sections,
+    joint_sections,
+    response_sections,
+    static_section,
+)
 from dolfinx_joints.report.page import Drawings, Html
 from dolfinx_joints.report.runs import Content, Run
 from dolfinx_joints.results.layout import Cells
@@ -100,6 +106,32 @@ def test_cells_of_motions_are_measures(two: tuple[str, dict[str, Results]]) -> N
                     tables.value(f"largest {words} since the first record [MPa]", label),
                     stress,
                 )
+
+
+def test_the_motion_of_the_ground_is_that_of_the_file(
+    two: tuple[str, dict[str, Results]],
+) -> None:
+    html, runs = two
+    (table,) = Tables(html).having("duration [s]").tables
+    drawn = curves(html, "ground-motion")
+    for row, (label, run) in zip(table[1:], runs.items(), strict=True):
+        time = run.time("histories")
+        ground = run.series("histories", "ground_acceleration")
+        shown(number_of(row[1]), time[-1] - time[0])
+        for axis in range(3):
+            shown(number_of(row[3 + axis]), np.abs(ground[:, axis]).max() / 9.80665)
+            np.testing.assert_allclose(drawn[label, axis][1], ground[:, axis], rtol=1e-6)
+
+
+def test_rounding_errors_are_zero_in_static_tables() -> None:
+    # Shear of 1e-12 of the normal force is rounding, so its safety is undefined: a dash.
+    forces = {"normal_force": 4e6, "shear_force": 4e-6, "water_force": -1e6}
+    safeties = {"plane_safety": np.inf, "sliding_safety": 98.0}
+    others = {"contact": 1.0, "opening_max": 1e-12, "slip_max": 2e-3, "pressure_max": 1e6}
+    cells = static_section._joint_cells(measures.StageJoint(**forces, **safeties, **others))
+    assert cells == [0.0, 2.0, 4.0, 0.0, None, 98.0, 100.0, 1.0, -1.0]
+    assert static_section._shown(-3e-10, 1.0) == 0.0
+    assert static_section._shown(-3e-8, 1.0) == -3e-8
 
 
 def test_pictures_show_the_data_of_the_plots(
@@ -254,12 +286,16 @@ def test_cells_of_static_stages_are_measures(tmp_path: Path) -> None:
         for point, moved in stage.displacement.items():
             for c, u in zip("xyz", moved, strict=True):
                 shown(tables.value(point, f"{c} [mm]"), u)
+        for support, force in stage.reaction.items():
+            for c, value in zip("xyz", force, strict=True):
+                shown(tables.value(support, f"{c} [MN]"), value)
         for name, joint in stage.joints.items():
             shown(tables.value(name, "opening"), joint.opening_max)
             shown(tables.value(name, "tangential gap"), joint.slip_max)
             shown(tables.value(name, "normal force"), joint.normal_force)
             shown(tables.value(name, "shear force"), joint.shear_force)
-            shown(tables.value(name, "safety"), joint.sliding_safety)
+            shown(tables.value(name, "N tan φ / V"), joint.plane_safety)
+            shown(tables.value(name, "magnitudes"), joint.sliding_safety)
             shown(tables.value(name, "under pressure"), joint.contact)
             shown(tables.value(name, "largest pressure"), joint.pressure_max)
             shown(tables.value(name, "water"), joint.water_force)

@@ -35,13 +35,13 @@ from dolfinx_joints.results.reader import Results
 
 # By the name of the limit: criterion, unit, and limits of a gravity and an arch dam.
 CRITERIA: dict[str, tuple[str, str, float | None, float | None]] = {
-    "static_tension": ("static tension / static strength", "-", 1.0, 1.0),
-    "static_compression": ("static compression / strength", "-", 1.0, 1.0),
-    "tension": ("tension / strength", "-", 2.0, 2.0),
-    "compression": ("compression / strength", "-", 1.0, 1.0),
+    "static_tension": ("static tension / tensile strength", "-", 1.0, 1.0),
+    "static_compression": ("static compression / compressive strength", "-", 1.0, 1.0),
+    "tension": ("tension / dynamic tensile strength", "-", 2.0, 2.0),
+    "compression": ("compression / compressive strength", "-", 1.0, 1.0),
     "overstressed_area": ("overstressed share of the area", "-", 0.15, 0.2),
     "overstress_time": ("time of overstress", "s", 0.3, 0.4),
-    "sliding_safety": ("least sliding safety", "-", None, None),
+    "sliding_safety": ("least sliding safety (1: slides at some instant)", "-", None, None),
     "mean_slip": ("mean of the largest slip of each point", "m", None, None),
     "slid_area": ("share of the area that slid", "-", None, None),
     "residual_slip": ("residual slip, mean of the last second", "m", None, None),
@@ -97,8 +97,9 @@ def checks(
 
     A row without a recorded value or without a limit is not judged. Stresses need
     ``ResultsMonitor(envelopes=..., strength=...)``. In 3-D record the faces of the dam, such as
-    ``envelopes=["upstream", "downstream"]``: the overstressed area is a share of these faces. A
-    joint that slides has a sliding safety of 1.
+    ``envelopes=["upstream", "downstream"]``: the overstressed area is a share of these faces. The
+    least sliding safety of a joint is 1 if the joint slides at any instant, even if the slip is
+    negligible; limits of ``mean_slip`` and ``residual_slip`` judge the slip.
 
     Args:
         results: The run.

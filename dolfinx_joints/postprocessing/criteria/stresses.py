@@ -43,9 +43,12 @@ class StressRatios:
     def _ratios(self, stream: str, series: str, strength: str) -> Floats:
         """Return stress / strength of all records of an envelope, shape (records, n)."""
         series = STAGE_STRESSES[series] if stream == "statics" else series
-        capacity = self._results.static(f"envelopes/strength/{strength}")
-        stress = self._results.series(stream, series) / capacity
-        return (-stress if strength == "compressive" else stress)[:, self._rows]
+        stress = self._results.series(stream, series)[:, self._rows] / self._capacity(strength)
+        return -stress if strength == "compressive" else stress
+
+    def _capacity(self, strength: str) -> Floats:
+        """Return a strength of the vertices, shape (n,), [Pa]."""
+        return np.asarray(self._results.static(f"envelopes/strength/{strength}")[self._rows])
 
     def _worst(self, name: str, stream: str, series: str, strength: str) -> Found:
         """Return the largest ratio of a series."""
@@ -54,7 +57,9 @@ class StressRatios:
             return name, "a stress is not a number", np.nan, None
         record, row = np.argwhere(np.isclose(ratios, ratios.max(), *_WITHIN_ROUNDING))[0].tolist()
         stage = f"after {self._results.stage_names[record]}, " if stream == "statics" else ""
-        return name, stage + self._place(row), ratios.max(), None
+        capacity = 1e-6 * self._capacity(strength)[row]
+        values = f"{ratios[record, row] * capacity:.4g} MPa of {capacity:.4g} MPa"
+        return name, f"{values}, {stage}{self._place(row)}", ratios.max(), None
 
     def _area(self) -> Found:
         """Return the overstressed share of the recorded facets, in 2-D of the cells.
@@ -90,7 +95,7 @@ class StressRatios:
         with np.errstate(divide="ignore"):
             ratio = np.divide(time, limits, out=np.zeros_like(time), where=time > 0.0)
         row, level = np.argwhere(np.isclose(ratio, ratio.max(), *_WITHIN_ROUNDING))[0].tolist()
-        where = f"above {levels[level]:.1f} x strength, {self._place(row)}"
+        where = f"above {levels[level]:.1f} x dynamic tensile strength, {self._place(row)}"
         allowed = None if limit is None else float(limits[level])
         return "overstress_time", where, time[row, level], allowed
 
@@ -100,5 +105,6 @@ class StressRatios:
         cells = results.static("mesh/cells")
         groups = [name for name in results.statics if name.startswith("mesh/groups/")]
         own = [name.split("/", 2)[2] for name in groups if node in cells[results.static(name)]]
-        place = ", ".join(f"{round(x, 6) + 0.0:.4g}" for x in self._body.nodes[node])
+        axes = 2 if self._body.plane else 3
+        place = ", ".join(f"{round(x, 6) + 0.0:.4g}" for x in self._body.nodes[node][:axes])
         return f"{' and '.join(own)} ({place}) m".strip()

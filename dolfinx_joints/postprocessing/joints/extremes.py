@@ -109,7 +109,8 @@ def safety_against_sliding(
     joint with shear in one direction, the safety is the ratio of the resultants, (mu N + c A) / V.
     Opposite shear tractions cancel in V but not in S: they reduce the safety.
 
-    The safety is infinite without shear, and NaN if no force is transmitted or mu is NaN. It has the shape of the forces, which is arbitrary.
+    The safety is infinite without shear, and NaN if no force is transmitted or mu is NaN. It has
+    the shape of the forces, which is arbitrary.
 
     Args:
         friction: mu; NaN if the law is unknown, or has neither friction nor cohesion.

@@ -59,7 +59,7 @@ def joint_profiles(
             values = map_value(results, name, quantity, number)[order]
             ax.plot(distance, values, ".-", markersize=3.0, linewidth=1.0, label=name)
     for ax, quantity in zip(axes, PROFILES, strict=True):
-        decorate(ax, "", MAP_LABELS[quantity].replace(", ", "\n"))
+        decorate(ax, "", MAP_LABELS[quantity].replace(", ", "\n").replace(" [", "\n["))
         ax.margins(x=0.0)
     axes[-1].set_xlabel("distance along the joint [m]")
     axes[0].set_title(f"values along the joints {moment}", loc="left", fontsize="medium")

@@ -233,7 +233,7 @@ def test_deformed_opens_the_joint(results: Results, scenes) -> None:
     figure = views.deformed(results, time=1.0, scale=250.0)
     title = figure.get_suptitle()
     assert title.startswith("deformed shape at t = 1.000 s, displacements x 250")
-    assert "\nwidest opening 4.00 mm, joint_1" in title
+    assert "\nwidest opening 4 mm, joint_1" in title
     outer, lines, sides, _ = (data for data, _ in scenes[0].layers)
     assert (outer.n_cells, sides.n_cells) == (2 * (2 + 3 * ROWS), 2 * ROWS)
     # On the surface the joint of each side has two vertical edges of ROWS facets and two ends.
@@ -351,7 +351,7 @@ def test_pictures_of_slender_bodies_are_not_long(tmp_path: Path, scenes, quantit
         figure = views.joint_map(results, quantity)
     width, height = figure.get_size_inches()
     assert height == pytest.approx(1.4 * width)
-    widest = "\nwidest opening 1.00 mm, lift" if quantity == "opening" else ""
+    widest = "\nwidest opening 1 mm, lift" if quantity == "opening" else ""
     assert figure.get_suptitle() == f"joints at t = 0.000 s{widest}"  # nothing was turned
     plots.save(figure, tmp_path / "column.png", dpi=100)
     words = [text for text in figure.axes[0].texts if text.get_text()]  # an arrow has none

@@ -4,7 +4,7 @@
 
     ./with-dolfinx python3 -m studies.dam_on_wedge                      # synthetic motion
     ./with-dolfinx python3 -m studies.dam_on_wedge --record DIRECTORY   # three AT2 files
-    ./with-dolfinx python3 -m studies.dam_on_wedge --quick              # linear cells, one second
+    ./with-dolfinx python3 -m studies.dam_on_wedge --quick              # one second
 
 Dam and wedge are like those of Malpasset: the wedge lies between a fault that dips upstream and a
 foliation plane that dips towards the right bank and downstream. x is downstream, y towards the left
@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import math
 import sys
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
@@ -41,9 +41,11 @@ PLANES = {"fault": (10.0, 270.0, 20.0, 0.0, 18.0), "foliation": (50.0, 160.0, 8.
 # Chosen: all other numbers.
 RADIUS, FLOOR, BANK = 105.0, 20.0, 91.0  # upstream face; half widths of the valley, below and above
 LOWER, UPPER = (-60.0, -120.0, -45.0), (130.0, 160.0, HEIGHT)  # rock
-DOWNSTREAM = {"slope": (60.0, 90.0, 75.0, 0.0, HEIGHT)}  # the rock ends, so that the fault crops out
+DOWNSTREAM = {
+    "slope": (60.0, 90.0, 75.0, 0.0, HEIGHT)
+}  # the rock ends, so that the fault crops out
 CUTS = (-70.0, -30.0, 0.0, 30.0, 70.0)  # angles from the crown; the banks end the arch [degrees]
-DAM = {f"dam_{k}": 0.5 * (a + b) for k, (a, b) in enumerate(zip(CUTS, CUTS[1:], strict=False), 1)}
+DAM = {f"dam_{k}": 0.5 * (a + b) for k, (a, b) in enumerate(pairwise(CUTS), 1)}
 IN_WEDGE, IN_ROCK = (45.0, 80.0, 53.0), (0.0, 0.0, -10.0)
 SLIDING = ["joint_fault", "joint_foliation"]
 SIDES = {f"side_{axis}_{end}": (axis, end) for axis in "xy" for end in ("min", "max")}
@@ -54,11 +56,13 @@ ROCK = dj.Elastic(young=5e9, poisson=0.25, density=0.0)  # foundation without ma
 WEDGE = dj.Elastic(young=5e9, poisson=0.25, density=2650.0)
 STIFF, SOFT = (dict(normal_stiffness=k, shear_stiffness=0.4 * k) for k in (5e10, 5e9))
 ANGLES = {"fault": 30.0, "foliation": 35.0, "contact": 50.0, "between blocks": 45.0}  # phi
+ADHESION = 5e5  # of the dam on the rock [Pa]
 # Water level in both planes, from the reservoir to the outcrop of the fault [m].
 SEEPAGE = {"start": (10.0, 0.0, 16.0), "end": (95.0, 0.0, 31.0), "upstream": LEVEL}
 SEEPAGE["downstream"] = 31.0
 DRAINED = dj.SeepageLine(**SEEPAGE, drain=(0.15, 0.2))  # a fifth of the difference is left
 FULL = dj.SeepageLine(**SEEPAGE)
+TOLERANCE = 5e-3  # of F
 DT, END, QUICK = 0.005, 11.165, 1.0  # [s]
 
 
@@ -83,7 +87,7 @@ def write_step(path: Path) -> Path:
         box = occ.addBox(*LOWER, *lengths)
         occ.synchronize()
         occ.cut([(3, bounded(box, DOWNSTREAM, IN_ROCK))], valley())
-        for a, b in zip(CUTS, CUTS[1:], strict=False):
+        for a, b in pairwise(CUTS):
             outer, inner = (
                 (3, occ.addCylinder(RADIUS, 0, 0, 0, 0, HEIGHT, r, angle=math.radians(b - a)))
                 for r in (RADIUS, RADIUS - THICKNESS)
@@ -96,7 +100,7 @@ def write_step(path: Path) -> Path:
     return path
 
 
-def make_mesh(folder: Path, *, quick: bool) -> Path:
+def make_mesh(folder: Path) -> Path:
     """Write the mesh; every dam block has its own contact with rock and wedge."""
     folder.mkdir(parents=True, exist_ok=True)
     wet = {f"wet_{name}": on_face(angle, HEIGHT - 6.0) for name, angle in DAM.items()}
@@ -107,8 +111,8 @@ def make_mesh(folder: Path, *, quick: bool) -> Path:
         folder / "dam.msh",
         write_step(folder / "dam.step"),
         size=40.0,
-        joint_size=15.0 if quick else 20.0,
-        order=1 if quick else 2,
+        joint_size=15.0,
+        order=1,
         solids={"rock": IN_ROCK}
         | {name: on_face(a, HEIGHT - 6.0, THICKNESS / 2) for name, a in DAM.items()},
         planes=PLANES,
@@ -117,15 +121,22 @@ def make_mesh(folder: Path, *, quick: bool) -> Path:
     )
 
 
+def kind_of(joint: str) -> str:
+    """Return the kind of a joint, a key of ``ANGLES``."""
+    place = joint.removeprefix("joint_")
+    contact = "rock" in place or "wedge" in place
+    return place if place in PLANES else "contact" if contact else "between blocks"
+
+
 def build(jointed: dj.JointedMesh, level: dj.SeepageLine) -> dj.Model:
     """Return the model with a water level in both planes of the wedge."""
 
-    def law(name: str) -> dj.FrictionNoTension:
-        place = name.removeprefix("joint_")
-        contact = "rock" in name or "wedge" in name
-        kind = place if place in PLANES else "contact" if contact else "between blocks"
-        stiff = SOFT if place in PLANES else STIFF
-        return dj.FrictionNoTension(**stiff, friction_angle_deg=ANGLES[kind])
+    def law(name: str) -> dj.AdhesiveJoint | dj.FrictionNoTension:
+        kind = kind_of(name)
+        strength = (SOFT if kind in PLANES else STIFF) | {"friction_angle_deg": ANGLES[kind]}
+        if kind == "contact":
+            return dj.AdhesiveJoint(**strength, adhesion=ADHESION)
+        return dj.FrictionNoTension(**strength)
 
     wet = [f"wet_{name}" for name in DAM]
     return dj.Model(
@@ -144,39 +155,80 @@ def build(jointed: dj.JointedMesh, level: dj.SeepageLine) -> dj.Model:
 
 
 def run(folder: Path, record: str | None, *, quick: bool) -> dict[str, float]:
-    """Compute all stages and write two results files; return the numbers (collective)."""
+    """Compute all stages, write ``shaking.h5`` and return the numbers (collective)."""
     comm = MPI.COMM_WORLD
-    path = on_root(comm, lambda: make_mesh(folder, quick=quick))
-    jointed = dj.read_msh(path, comm)
+    jointed = dj.read_msh(on_root(comm, lambda: make_mesh(folder)), comm)
     before, after = build(jointed, DRAINED), build(jointed, FULL)
+    foundation = [name for name in jointed.joint_names if kind_of(name) != "between blocks"]
     points = {"crest": dj.Probe((0.0, 0.0, HEIGHT), group="joint_dam_2_dam_3-")}
-    options: Any = {"points": points, "overwrite": True}
-    facts = {"sliding": {"wedge": SLIDING}}
     monitor = dj.ResultsMonitor(
-        folder / "shaking.h5", resultants=True, every=10, metadata=facts, **options
+        folder / "shaking.h5", points=points, resultants=True, every=10, overwrite=True
     )
     simulation = dj.Simulation(before, monitors=[monitor])
     simulation.statics(loads=before.loads[:1], name="weight")
     simulation.statics(steps=4, name="reservoir")
-    static = dj.factor_of_safety(simulation, joints=SLIDING)
+    static = dj.factor_of_safety(simulation, joints=foundation, tolerance=TOLERANCE)
+    numbers = {"F by reduced strength": static.factor}
+    print(static, flush=True)
     motion = make_motion(Case(record_folder=record, time_step=DT))
     steps = round((QUICK if quick else END) / DT)
     outcome = simulation.dynamics(dt=DT, steps=steps, motion=motion)
-    rest = dj.to_rest(simulation, outcome.state, dt=DT)
-    monitor = dj.ResultsMonitor(folder / "after.h5", **options)
-    shaken = dj.Simulation(before, monitors=[monitor])
-    safety={}
-    print(static, outcome.energy_error)
     with dj.Results(folder / "shaking.h5") as results:
+        numbers |= dj.block_sliding(results, SLIDING).measures()
+    print(numbers, outcome.energy_error, flush=True)
+    rest = dj.to_rest(simulation, outcome.state, dt=DT)
+    lifted = dj.factor_of_safety(
+        dj.Simulation(after), joints=foundation, tolerance=TOLERANCE, start=rest.static
+    )
+    return numbers | {"F after, full uplift": lifted.factor}
+
+
+def draw(path: Path, picture: Path) -> Path:
+    """Draw the mechanism of the static failure, F(t), and the slip of the wedge."""
+    from matplotlib import pyplot as plt
+
+    with dj.Results(path) as results:
+        shape = views.deformed(
+            results, stage="factor of safety 1, mechanism", groups=[*DAM, "wedge"]
+        )
+        mechanism = plt.imread(plots.save(shape, picture.with_name("mechanism.png")))
         block = dj.block_sliding(results, SLIDING)
-        print(block.measures(), block.direction)
-    for k,mm in {"drained":before, "full":after}.items():
-        safety[k]=dj.factor_of_safety(dj.Simulation(mm,monitors=[monitor] if k=="full" else []), joints=SLIDING, start=rest.static)
-        print(k,safety[k])
-    return safety
+    figure = plt.figure(figsize=(11.0, 4.4), layout="constrained")
+    axes = figure.subplot_mosaic([["shape", "safety"], ["shape", "slip"]])
+    axes["shape"].imshow(mechanism)
+    axes["shape"].axis("off")
+    axes["safety"].plot(block.time, block.safety, lw=0.7)
+    axes["safety"].axhline(1.0, color="0.5", lw=0.7)
+    axes["safety"].set(ylabel="F(t) [-]", ylim=(0.0, 2.0 * block.safety[0]))
+    axes["slip"].plot(block.slip_time, 1e3 * block.slip, label="wedge")
+    axes["slip"].plot(block.time, 1e3 * block.newmark_slip, label="Newmark's block")
+    axes["slip"].set(xlabel="time [s]", ylabel="slip [mm]")
+    axes["slip"].legend(frameon=False)
+    return plots.save(figure, picture)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the study, print the numbers and draw the figure."""
+    parser = Parser(description="Arch dam on a wedge of rock.")
+    parser.add_argument("--record", help="folder with three AT2 files (default: synthetic motion)")
+    parser.add_argument("--out", type=Path, default=Path("output/dam_on_wedge"))
+    parser.add_argument("--quick", action="store_true", help="one second of the motion")
+    options = parser.parse_args(arguments)
+    numbers = run(options.out, options.record, quick=options.quick)
+
+    def show() -> None:
+        for name, value in numbers.items():
+            print(f"{name:<24}{value:12.4g}")
+        print(draw(options.out / "shaking.h5", options.out / "dam_on_wedge.png"))
+
+    on_root(MPI.COMM_WORLD, show)
 
 
 if __name__ == "__main__":
-    import time
-    run(Path(sys.argv[1]), sys.argv[3] if len(sys.argv)>3 else None, quick=sys.argv[2]=="1")
-    print(time.process_time())
+    dj.abort_on_error(MPI.COMM_WORLD)
+    try:
+        main()
+    except (dj.JointsError, ValueError) as error:
+        if MPI.COMM_WORLD.rank == 0:
+            print(f"studies.dam_on_wedge: {error}", file=sys.stderr)
+        raise SystemExit(2) from None

@@ -169,16 +169,14 @@ def run(folder: Path, record: str | None, *, quick: bool) -> dict[str, float]:
     simulation.statics(steps=4, name="reservoir")
     static = dj.factor_of_safety(simulation, joints=foundation, tolerance=TOLERANCE)
     numbers = {"F by reduced strength": static.factor}
-    print(static, flush=True)
     motion = make_motion(Case(record_folder=record, time_step=DT))
     steps = round((QUICK if quick else END) / DT)
     outcome = simulation.dynamics(dt=DT, steps=steps, motion=motion)
     with dj.Results(folder / "shaking.h5") as results:
         numbers |= dj.block_sliding(results, SLIDING).measures()
-    print(numbers, outcome.energy_error, flush=True)
-    rest = dj.to_rest(simulation, outcome.state, dt=DT)
+    settled = dj.to_rest(simulation, outcome.state, dt=DT)
     lifted = dj.factor_of_safety(
-        dj.Simulation(after), joints=foundation, tolerance=TOLERANCE, start=rest.static
+        dj.Simulation(after), joints=foundation, tolerance=TOLERANCE, start=settled.static
     )
     return numbers | {"F after, full uplift": lifted.factor}
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The study of an arch dam on a wedge: mesh, and the whole chain of stages."""
+"""Study of an arch dam on a wedge: joints of the mesh, and order of the factors of safety."""
 
 from mpi4py import MPI
 
@@ -21,7 +21,7 @@ def test_left_block_stands_on_the_wedge_alone(tmp_path):
 
 @pytest.mark.slow
 def test_command(tmp_path, capsys):
-    """The shaking and the uplift lower the factor of safety; the rigid block is a lower bound."""
+    """Check the order of the factors of safety: shaking and uplift lower them."""
     dam_on_wedge.main(["--quick", "--out", str(tmp_path)])
     lines = [line.rsplit(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
     values = {name.strip(): float(v) for name, v in lines[-9:-1]}

@@ -36,7 +36,7 @@ from studies.ambiesta import Case, make_motion
 
 # Published of Malpasset: height, largest thickness, 222 m of crest, level 0.3 m below the spillway.
 HEIGHT, THICKNESS, LEVEL = 66.5, 6.8, 66.2  # [m]
-# Published: the foliation dips at 30 to 50 degrees, the fault is 15 to 30 m below the left bank.
+# Published: the foliation dips at 30 to 50 degrees, the fault upstream. Chosen: the fault's dip.
 PLANES = {"fault": (10.0, 270.0, 20.0, 0.0, 18.0), "foliation": (50.0, 160.0, 8.0, 42.0, 20.6)}
 # Chosen: all other numbers.
 RADIUS, FLOOR, BANK = 105.0, 20.0, 91.0  # upstream face; half widths of the valley, below and above

@@ -41,9 +41,7 @@ PLANES = {"fault": (10.0, 270.0, 20.0, 0.0, 18.0), "foliation": (50.0, 160.0, 8.
 # Chosen: all other numbers.
 RADIUS, FLOOR, BANK = 105.0, 20.0, 91.0  # upstream face; half widths of the valley, below and above
 LOWER, UPPER = (-60.0, -120.0, -45.0), (130.0, 160.0, HEIGHT)  # rock
-DOWNSTREAM = {
-    "slope": (60.0, 90.0, 75.0, 0.0, HEIGHT)
-}  # the rock ends, so that the fault crops out
+DOWNSTREAM = {"slope": (60.0, 90.0, 75.0, 0.0, HEIGHT)}  # end of the rock: the fault crops out
 CUTS = (-70.0, -30.0, 0.0, 30.0, 70.0)  # angles from the crown; the banks end the arch [degrees]
 DAM = {f"dam_{k}": 0.5 * (a + b) for k, (a, b) in enumerate(pairwise(CUTS), 1)}
 IN_WEDGE, IN_ROCK = (45.0, 80.0, 53.0), (0.0, 0.0, -10.0)

@@ -24,7 +24,7 @@ def test_command(tmp_path, capsys):
     """Check the order of the factors of safety: shaking and uplift lower them."""
     dam_on_wedge.main(["--quick", "--out", str(tmp_path)])
     lines = [line.rsplit(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
-    values = {name.strip(): float(v) for name, v in lines[-9:-1]}
+    values = {name.strip(): float(v) for name, v in lines[-10:-1]}
     assert 1.0 < values["safety_min"] < values["safety_static"] < values["F by reduced strength"]
     assert values["F after, full uplift"] < values["F by reduced strength"]
     assert (tmp_path / "dam_on_wedge.png").stat().st_size > 10_000

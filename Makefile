@@ -98,6 +98,7 @@ studies: ## What the paper leaves open, errors of mesh and step, gravity dams; S
 	$(PYTHON) -m studies.follow_ups $(STUDY_ARGS)
 	$(PYTHON) -m studies.convergence $(subst --records,--record,$(STUDY_ARGS))
 	$(PYTHON) -m studies.thermal_opening $(subst --records,--record,$(STUDY_ARGS))
+	$(PYTHON) -m studies.dam_on_wedge $(subst --records,--record,$(STUDY_ARGS))
 	$(PYTHON) -m studies.gravity_dams
 
 validate: ## The atlas of validation: numbers of others beside ours, a page each; CASES="..." of it

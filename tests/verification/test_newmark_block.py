@@ -11,6 +11,7 @@
 
 import csv
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -180,7 +181,7 @@ def test_wedge_on_two_planes(wedge_mesh, tmp_path, ratio):
     )
     model = dj.Model(
         wedge_mesh,
-        material=ROCK,
+        material={"wedge": ROCK, "rock": replace(ROCK, density=0.0)},  # rock without mass
         joints=law,
         supports=[dj.Fixed(group="outer")],
         loads=[dj.Gravity()],

@@ -1,13 +1,20 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Limit equilibrium of rigid wedges against formulas for planes and symmetric wedges."""
+"""Limit equilibrium of rigid wedges against formulas, and strength reduction against it."""
 
 import math
 
 import numpy as np
 import pytest
 
+pytest.importorskip("dolfinx")
+
+from dolfinx import fem
+
+import dolfinx_joints as dj
+from benchmarks.shared.scenes import mesh_of
 from dolfinx_joints.exact import SlidingWedge, WedgePlane, plane_normal
+from dolfinx_joints.geometry.wedge import wedge
 
 WEIGHT = 1e6  # [N]
 DOWN = (0.0, 0.0, -WEIGHT)
@@ -91,3 +98,41 @@ def test_planes_that_block_or_release_every_motion():
     # A wedge in a roof falls; pushed upwards by twice its weight it is fixed again.
     assert SlidingWedge(planes=corner(above=False), force=DOWN).factor_of_safety == 0.0
     assert SlidingWedge(planes=corner(above=False), force=(0, 0, WEIGHT)).normal_forces.min() > 0
+
+
+@pytest.mark.parametrize("pressure", [0.0, 8e3])
+def test_strength_reduction_of_a_wedge_in_rock(pressure):
+    """F of the mesh is that of the rigid wedge with its weight, to half the interval of F."""
+    dips = {"a": (45.0, 105.0), "b": (60.0, 235.0)}
+    mesh = mesh_of(
+        wedge,
+        planes={name: (*of, 0.0, 0.0, 0.0) for name, of in dips.items()},
+        ground=[(75.0, 185.0, 0.0, 0.0, 0.0)],
+        inside=(-1.0, 3.0, 5.0),
+        lower=(-15.0, -5.0, -3.0),
+        upper=(15.0, 22.0, 10.0),
+        size=9.0,
+        joint_size=5.0,
+    )
+    stiff = {"normal_stiffness": 1e10, "shear_stiffness": 4e9}
+    model = dj.Model(
+        mesh,
+        material=dj.Elastic(young=30e9, poisson=0.2, density=2400.0),
+        joints=dj.FrictionNoTension(**stiff, friction_angle_deg=35.0),
+        supports=[dj.Fixed(group="outer")],
+        loads=[dj.Gravity(), *(dj.Uplift(joint=f"joint_{n}", pressure=pressure) for n in dips)]
+        if pressure
+        else [dj.Gravity()],
+    )
+    simulation = dj.Simulation(model)
+    simulation.statics()
+    areas = [geometry.area for geometry in dj.JointForces(model).geometry]
+    volume = fem.assemble_scalar(fem.form(1.0 * mesh.dx("wedge")))
+    planes = [
+        WedgePlane(dip=d, dip_direction=a, friction_angle_deg=35.0, area=area, pressure=pressure)
+        for (d, a), area in zip(dips.values(), areas, strict=True)
+    ]
+    exact = SlidingWedge(planes=planes, force=(0.0, 0.0, -2400.0 * 9.80665 * volume))
+    safety = dj.factor_of_safety(simulation, tolerance=1e-3)
+    assert safety.factor <= exact.factor_of_safety * (1.0 + 1e-9)
+    assert safety.factor == pytest.approx(exact.factor_of_safety, rel=1e-3)

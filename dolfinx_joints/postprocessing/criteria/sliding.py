@@ -94,10 +94,10 @@ def block_sliding(
 ) -> BlockSliding:
     """Return the factor of safety of a block against sliding on joints, at every step.
 
-    The block is next to all planes; of two blocks the lighter one. The active force on the block is
-    that of the static equilibrium at the start, plus the change of the forces of its other joints,
-    such as the thrust of a dam, minus mass times ground acceleration. Loads on the block must be
-    constant.
+    The block is next to all planes; of two blocks the lighter one, unless it has no mass. The
+    active force on the block is that of the static equilibrium at the start, plus the change of the
+    forces of its other joints, such as the thrust of a dam, minus mass times ground acceleration.
+    Loads on the block must be constant.
 
     Args:
         results: A run with ``ResultsMonitor(resultants=True)``, from static equilibrium.
@@ -166,7 +166,7 @@ def _block_of(results: Results, planes: Sequence[str], mass: Floats) -> tuple[in
     common = set(sides[0]).intersection(*sides)
     if not common:
         raise ResultsError(f"No block is next to all points of {', '.join(planes)}.")
-    block = min(common, key=lambda number: mass[number])
+    block = min(common, key=lambda number: mass[number] or np.inf)  # rock may have no mass
     return block, [of_plane[block] for of_plane in sides]
 
 

@@ -79,6 +79,9 @@ REASONS: dict[str, str] = {
     "REFINEMENTS": rf"{STATICS} repeated from the gaps of the computed $\mathbf x$ (`REFINEMENTS`)",
     "ON_LINE": f"{HERE}test_loads_in_proportion_take_few_iterations",
     "SPRING_COMPLIANCE": f"{STATICS} gives the same solution (`SPRING_COMPLIANCE`)",
+    "SOFTENING_COMPLIANCE": (
+        f"{VERIFICATION}test_cohesive_joints.py::test_softening_too_steep_for_the_cells_is_refused"
+    ),
     "SPRING_REGULARISATION": (
         f"{VERIFICATION}test_static_paths.py::test_a_block_without_friction_does_not_drift"
     ),

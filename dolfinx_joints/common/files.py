@@ -112,7 +112,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
     If the block fails, the new file is deleted and ``path`` does not change.
     """
-    part = path.with_name(f"{path.name}.part")
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")  # several ranks may write the file
     try:
         yield part
         part.replace(path)

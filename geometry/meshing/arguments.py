@@ -5,13 +5,10 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
 import annotated_types as at
-
-from dolfinx_joints.common.errors import JointsError
 
 MAX_CELLS = 5_000_000
 MAX_JOINTS = 1000
@@ -55,14 +52,3 @@ def mesh_path(out: str | os.PathLike[str]) -> Path:
     if path.is_dir():
         raise ValueError(f"out is {str(out)!r}, but that is a folder.")
     return path
-
-
-def check_all_ranks_load_dolfinx() -> None:
-    """Raise a JointsError on several ranks before DOLFINx is loaded, which starts PETSc on all."""
-    from mpi4py import MPI
-
-    if MPI.COMM_WORLD.size > 1 and "petsc4py.PETSc" not in sys.modules:
-        raise JointsError(
-            "duplicated=True loads DOLFINx, which all ranks must load together: put 'import "
-            "dolfinx' at the start of the script."
-        )

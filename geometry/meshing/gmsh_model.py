@@ -18,7 +18,7 @@ import numpy as np
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.common.progress import LOGGER
-from dolfinx_joints.geometry.meshing.arguments import check_all_ranks_load_dolfinx, mesh_path
+from dolfinx_joints.geometry.meshing.arguments import mesh_path
 from dolfinx_joints.geometry.meshing.extrusion import (
     BoolArray,
     FloatArray,
@@ -102,7 +102,7 @@ def writing(path: Path) -> Iterator[str]:
     Raises:
         ValueError: if the file cannot be written; the temporary file is removed.
     """
-    part = path.with_name(f".{path.stem}.partial.msh")
+    part = path.with_name(f".{path.stem}.{os.getpid()}.partial.msh")  # of this rank
     try:
         yield str(part)
         # Gmsh does not report a full disk.
@@ -131,10 +131,9 @@ def save(path: Path, gui: bool, duplicated: bool) -> None:
     Raises:
         ValueError: if the file cannot be written.
         MeshError: if joint faces cannot be duplicated.
-        JointsError: if not all ranks load DOLFINx.
     """
-    if duplicated:  # needs DOLFINx, unlike the other meshes
-        check_all_ranks_load_dolfinx()
+    if duplicated:
+        # DOLFINx, which other meshes do not need, starts PETSc together on all ranks.
         from dolfinx_joints.geometry.meshing.duplicated_joints import duplicate_joints
 
         duplicate_joints()

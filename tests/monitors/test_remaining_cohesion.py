@@ -66,6 +66,7 @@ def cohesive(softening="linear"):
     )
 
 
+@pytest.mark.mpi
 def test_files_contain_the_adhesion(comm, new_path):
     """The safety of a block at rest on a slope is (c A + W cos(a) tan(phi)) / (W sin(a))."""
     law, path, slope = dj.AdhesiveJoint(**STIFF, adhesion=5e3), new_path("a.h5"), 30.0
@@ -154,6 +155,7 @@ def test_a_shaken_joint_mobilises_at_most_its_strength(new_path):
     assert share == pytest.approx(lost @ areas / AREA, rel=1e-12)
 
 
+@pytest.mark.mpi
 def test_adhesion_across_an_open_joint_is_refused(comm):
     law = dj.AdhesiveJoint(**STIFF, adhesion=5e3)
     gaps = {"joint": lambda x: np.where(x[:, 0] > 3.0, 1e-3, 0.0)}

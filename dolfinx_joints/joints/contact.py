@@ -58,6 +58,7 @@ class Contact:
 
     Raises:
         MeshError: A name is not the name of a joint, or a joint has no law.
+        JointsError: A joint with adhesion has a positive initial gap.
     """
 
     def __init__(
@@ -93,6 +94,15 @@ class Contact:
             self.initial_gap[in_joint, 0] += normal_gap
             smallest = operator.comm.allreduce(float(normal_gap.min(initial=0.0)), min)
             self.overlaps |= {name: smallest} if smallest < 0.0 else {}
+        for name, law in self.laws.items():
+            if getattr(law, "adhesion", 0.0) > 0.0:
+                of_joint = operator.joint == operator.names.index(name)
+                widest = float(self.initial_gap[of_joint, 0].max(initial=0.0))
+                if (widest := operator.comm.allreduce(widest, max)) > 0.0:
+                    raise JointsError(
+                        f"Joint {name!r} has adhesion and the initial gap {widest:.3g} m; it must "
+                        "not be positive, because the adhesion would act across the open joint."
+                    )
 
     @cached_property
     def by_forms(self) -> Contact:

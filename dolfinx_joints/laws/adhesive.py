@@ -53,7 +53,8 @@ class AdhesiveJoint(FrictionNoTension):
     t_n = k_n gap_n up to the tension R = c / tan(alpha), and t_n = R at larger gaps; t_s = k_s e
     with |t_s| <= c - t_n tan(alpha), which is zero at t_n = R. The adhesion is never lost, neither
     by slip nor by opening: use the law for joints that stay closed, and `MohrCoulombJoint` for
-    bonds that break. The law is code_aster's JOINT_MECA_FROT without tangential hardening.
+    bonds that break. Positive initial gaps are refused. The law is code_aster's JOINT_MECA_FROT
+    without tangential hardening.
 
     Attributes:
         adhesion: c. All other parameters are those of `FrictionNoTension`.

@@ -261,6 +261,11 @@ class CohesiveJoint(EnergyConsistentContact):
         shear = factor * bond.shear_stiffness / (bond.shear - 1.0)
         return factor * bond.normal_stiffness / (bond.normal - 1.0), shear
 
+    def cohesion_share(self, internal: Floats) -> Floats:
+        """Return x f_s of (9d), shape (n,): in pure shear the bond carries at most c x f_s."""
+        load = internal[:, LOAD]
+        return np.sqrt(np.maximum(load, 1.0)) * intact_share(load, self.curves[1])
+
     def initial_variables(self, gap: Floats) -> Floats:
         """Return the values at rest, shape (n, 5); points without contact have no bond."""
         values, unbonded = np.zeros((len(gap), 5)), gap[:, 0] > 0.0

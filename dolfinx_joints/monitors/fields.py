@@ -21,7 +21,7 @@ from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.probes import PointProbe
-from dolfinx_joints.monitors.resultants import breakable_joints, broken_points
+from dolfinx_joints.monitors.resultants import breakable_joints, broken_shares
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes
 from dolfinx_joints.results.layout import stage_bytes
 from dolfinx_joints.results.quantities import ENERGY_TERMS, rows_below
@@ -82,7 +82,7 @@ class Fields:
             dry = np.zeros(len(joints.traction))
             parts["pressure"] = dry if pressure is None else pressure()
         if self._limited["broken"]:
-            parts["broken"] = broken_points(self._contact, joints)
+            parts["broken"] = broken_shares(self._contact, joints)
         return {quantity: self._rows(values) for quantity, values in parts.items()}
 
     def has_values(self, quantity: str, joint: str) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from dolfinx_joints.common.arrays import Flags, Floats
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.monitors.resultants import JointForces, breakable_joints
+from dolfinx_joints.monitors.resultants import JointForces
 from dolfinx_joints.postprocessing.joints.extremes import ALIKE
 from dolfinx_joints.results.quantities import TABLE, JointPoints, at_points, rows_by
 
@@ -36,7 +36,6 @@ class JointExtremesStream:
         assert model.contact is not None
         self._operator, self._tied = model.operator, model.contact.tied
         self.forces = JointForces(model)
-        self._bonded = breakable_joints(model.contact)
         self.maxima: Floats = np.zeros((len(TABLE["joint_maxima"]), len(model.operator.joint)))
         # The points of a joint are consecutive.
         self._joints, self._starts = np.unique(model.operator.joint, return_index=True)
@@ -71,7 +70,7 @@ class JointExtremesStream:
             row.name.replace("*", joint): values[:, number]
             for number, joint in enumerate(operator.names)
             for row, values in zip(rows, columns, strict=True)
-            if not row.rare or joint in self._bonded
+            if not row.rare or joint in self.forces.bonded
         }
 
     def _places(self, local: Floats, largest: Floats) -> Floats:

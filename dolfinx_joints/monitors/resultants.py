@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from dolfinx_joints.common.arrays import Floats, Ints
@@ -64,15 +63,21 @@ def breakable_joints(contact: Contact) -> tuple[str, ...]:
     )
 
 
-def broken_points(contact: Contact, joints: Response) -> NDArray[np.int8]:
-    """Return 1 at local points whose bond is broken, 0 elsewhere, shape (n,)."""
-    flags = np.zeros(len(joints.traction), dtype=np.int8)
-    names = contact.operator.names
+def broken_shares(contact: Contact, joints: Response) -> Floats:
+    """Return the share of the cohesion that local points have lost, shape (n,).
+
+    The share is 1 less ``cohesion_share`` of the law, or else 1 where ``broken`` is not 0.
+    """
+    lost, names = np.zeros(len(joints.traction)), contact.operator.names
     for joint in breakable_joints(contact):
-        column = variables_of(contact.laws[joint]).index("broken")
+        law = contact.laws[joint]
         of_joint = contact.operator.joint == names.index(joint)
-        flags[of_joint] = joints.state.internal[of_joint, column] != 0.0
-    return flags
+        internal = joints.state.internal[of_joint]
+        if share := getattr(getattr(law, "law", law), "cohesion_share", None):
+            lost[of_joint] = 1.0 - share(internal)
+        else:
+            lost[of_joint] = internal[:, variables_of(law).index("broken")] != 0.0
+    return lost
 
 
 class JointForces:
@@ -84,6 +89,7 @@ class JointForces:
         areas: Areas of the local points, zero at tied points, shape (n,), [m^2].
         free_area: Sum of the areas over each joint, shape (joints,), [m^2].
         local_sums: Function that sums values of local points (..., n) to (..., joints).
+        bonded: Names of the joints with cohesion or adhesion that acts.
 
     Example:
         >>> from mpi4py import MPI
@@ -116,11 +122,11 @@ class JointForces:
         centroids = np.array([g.centroid for g in self.geometry])
         self._arms = model.operator.points - centroids[model.operator.joint]
         self._laws = strengths(model.contact)
-        bonded = breakable_joints(model.contact)
-        kept = {*bonded, *(name for name in self.names if "adheres" in self._laws[name])}
-        cohesion = [self._laws[name]["cohesion"] * (name in kept) for name in self.names]
+        breakable = breakable_joints(model.contact)
+        self.bonded = {*breakable, *(name for name in self.names if "adheres" in self._laws[name])}
+        cohesion = [self._laws[name]["cohesion"] * (name in self.bonded) for name in self.names]
         self._cohesion = np.array(cohesion)[self._operator.joint]
-        self._bonds = bool(bonded)
+        self._bonds = bool(breakable)
 
     def __call__(
         self, joints: Response, pressure: Floats | None = None
@@ -166,10 +172,10 @@ class JointForces:
         return self._operator.frames[:, 0] * (self.areas * pressure)[..., None]
 
     def cohesion(self, joints: Response) -> Floats:
-        """Return the cohesion of local points, zero if their bond is broken, shape (n,), [Pa]."""
+        """Return the cohesion that local points still have, zero if broken, shape (n,), [Pa]."""
         if not self._bonds:
             return self._cohesion
-        return self._cohesion * (1 - broken_points(self._contact, joints))
+        return self._cohesion * (1.0 - broken_shares(self._contact, joints))
 
 
 def _with_moments(force: Floats, arms: Floats) -> Floats:

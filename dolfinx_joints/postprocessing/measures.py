@@ -265,7 +265,7 @@ def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, di
     - ``share_open``, ``share_sliding`` and ``share_frictionless`` (closed without friction): the
       share of the joint area with this ``status``, averaged over the records. In a file without
       ``status``, points without traction are open and the other two shares are NaN;
-    - ``share_broken``: the share of the area with broken bonds at the last record, zero for joints
+    - ``share_broken``: the share of the cohesion that is lost at the last record, zero for joints
       without bonds.
 
     Tied points, at the end of a joint inside a body, and their area are excluded.

@@ -26,6 +26,8 @@ _MATERIALS = {
 _LAWS = {
     "FrictionNoTension": "transmit pressure elastically, shear up to Coulomb's limit, no tension",
     "MohrCoulombJoint": "are bonded up to the limit of Mohr and Coulomb, and then rub",
+    "AdhesiveJoint": "transmit pressure, tension, and shear with an adhesion that stays",
+    "CohesiveJoint": "are bonded; the bond softens as it breaks, and the broken part rubs",
     "RigidJoint": "transmit pressure without overlap, shear up to Coulomb's limit, no tension",
     "KeyedJoint": "transmit pressure elastically, no tension, and shear by keys at any opening",
     "ShearKeyJoint": "rub and have shear keys, whose teeth can shear off",

@@ -30,7 +30,7 @@ class JointPoints(NamedTuple):
         slip: Tangential gap since the last static stage, without stages since the first record,
             shape (..., points, 2), [m].
         traction: Components (n, s1, s2), shape (..., points, 3), [Pa].
-        cohesion: Cohesion where a bond is intact, zero elsewhere, shape (..., points), [Pa].
+        cohesion: Cohesion that a bond still has, zero without bond, shape (..., points), [Pa].
     """
 
     gap: Floats
@@ -45,7 +45,7 @@ class JointPoints(NamedTuple):
 
     @property
     def compression(self) -> Floats:
-        """Pressure [Pa]; tension counts only at intact bonds, whose strength it reduces."""
+        """Pressure [Pa]; tension counts only at unbroken bonds, whose strength it reduces."""
         return np.where(self.cohesion > 0.0, self.pressure, np.maximum(self.pressure, 0.0))
 
     @property
@@ -105,8 +105,8 @@ _FRAME = "of monitor points, {frame}"
 _STATIC_PART = Q("static_displacement", "m", text="quasi-static displacement by support motion")
 _REACTION = Q("reaction/*", "N", text="force of the support {} on the body")
 _STATUS = "0 open, 1 sticking, 2 sliding in the step ending here, 3 closed without friction, 4 tied"
-_PRESSED = "integral of the pressure, including tension at intact bonds"
-_BOND = "cohesion times the area with intact bonds"
+_PRESSED = "integral of the pressure, including tension at unbroken bonds"
+_BOND = "integral of the cohesion that the points still have"
 _STATES = (
     Q("displacement", "m", text="displacement of the nodes from the unloaded body"),
     _STATIC_PART,
@@ -114,7 +114,7 @@ _STATES = (
     Q("joints/*/traction", "Pa", text="traction (n, s1, s2), compression if n < 0"),
     Q("joints/*/status", "-", text=_STATUS, dtype=np.int8),
     Q("joints/*/pressure", "Pa", text="water pressure, positive if it opens the joint"),
-    Q("joints/*/broken", "-", text="1 where the bond is broken", dtype=np.int8),
+    Q("joints/*/broken", "-", text="share of the cohesion that is lost, 1 if broken"),
     Q("stress/plane", "Pa", text="in-plane stress (xx, yy, xy) at envelopes/nodes", rare=True),
 )
 TABLE: dict[str, tuple[Quantity, ...]] = {
@@ -244,7 +244,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("share_open", "-", "open", "%"),
         Q("share_sliding", "-", "sliding", "%"),
         Q("share_frictionless", "-", "closed without friction", "%"),
-        Q("share_broken", "-", "bonds broken at the end", "%"),
+        Q("share_broken", "-", "cohesion lost at the end", "%"),
     ),
     # From `BlockSliding`, not in files.
     "sliding": (

@@ -16,7 +16,7 @@ from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.time_integration.scheme import StepReport
 from dolfinx_joints.time_integration.states import DynamicState
 
-_TOTALS = ("_at_start", "scale", "largest", "_error", "_imbalance")
+_TOTALS = ("_at_start", "_fractured", "scale", "largest", "_error", "_imbalance")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +43,7 @@ class EnergyRow:
         plastic: Plastic work of the bulk.
         absorbed: Part of ``viscous`` absorbed by viscous boundaries and boundaries of the water.
         impact: Energy lost by joint points that close without rebound.
-        fracture: Energy of broken cohesive bonds since the joints were at rest: fracture energy
-            times broken area. It was a part of ``friction`` as the bonds broke.
+        fracture: Part of ``friction`` from cohesive bonds: fracture energy times the area broken.
         water: Kinetic and compression energy of water waves, not part of ``kinetic``, ``strain``.
     """
 
@@ -122,13 +121,13 @@ class EnergyLedger:
             strain=strain,
             water=water,
             joint_elastic=self._joint_energy(state),
-            fracture=self._fracture(state),
             input_by_load=dict.fromkeys(self._system.names_of_works, 0.0),
             joint_friction=self._zeros,
             joint_numerical=self._zeros,
             joint_imbalance=self._zeros,
         )
         self._at_start = self.scale = self.largest = self.row.stored
+        self._fractured = self._fracture(state)
         self._error = self._imbalance = 0.0
         return self.row
 
@@ -164,7 +163,7 @@ class EnergyLedger:
             plastic=plastic,
             absorbed=last.absorbed + work.absorbed,
             impact=impact,
-            fracture=self._fracture(state),
+            fracture=self._fracture(state) - self._fractured,
             water=water,
         )
 

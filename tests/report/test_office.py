@@ -134,6 +134,8 @@ def test_assumptions_name_components_dashpots_and_joints_without_friction(tmp_pa
             "b": friction.format("0.0"),
             "c": f"ViscousJoint(law={friction.format('0.0')}, normal_viscosity=1e8)",
             "d": f"ViscousJoint(law={friction.format('0.5')}, normal_viscosity=1e8)",
+            "e": "AdhesiveJoint(friction_angle_deg=40.0, adhesion=1e5)",
+            "f": "CohesiveJoint(friction_angle_deg=40.0, cohesion=1e6)",
         },
         "supports": [
             "Fixed(group='base', components='xy', point=None)",
@@ -151,6 +153,8 @@ def test_assumptions_name_components_dashpots_and_joints_without_friction(tmp_pa
         words.format("b", "no shear", ""),
         words.format("c", "no shear", dashpots),
         words.format("d", shear, dashpots),
+        "The joints e transmit pressure, tension, and shear with an adhesion that stays",
+        "The joints f are bonded; the bond softens as it breaks, and the broken part rubs",
     ]
     for text in (
         "The displacement along x, y relative to the ground is zero at base, sides.",

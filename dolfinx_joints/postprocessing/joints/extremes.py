@@ -104,7 +104,10 @@ def safety_against_sliding(
     cylinder.
 
     The safety is 1 if all points slide, and never less with the friction of the law, which limits
-    the shear of every point. Dashpots (`ViscousJoint`) add shear: it may be below 1.
+    the shear of every point. Dashpots (`ViscousJoint`) add shear: it may be below 1. While the bond
+    of a `CohesiveJoint` softens, friction acts on a part of the area but counts in full: the safety
+    is above 1 until the bond is broken. It may be below 1 under tension, which also softens the
+    bond, or if most of the bond breaks in one step, because tractions are means over steps.
     At a safety of 2, half of the total strength is used, but single points may slide. In a plane
     joint with shear in one direction, the safety is the ratio of the resultants, (mu N + c A) / V.
     Opposite shear tractions cancel in V but not in S: they reduce the safety.
@@ -116,7 +119,7 @@ def safety_against_sliding(
         friction: mu; NaN if the law is unknown, or has neither friction nor cohesion.
         compression: C, [N].
         shear_sum: S, [N].
-        bond: c A, cohesion times the area with intact bonds, [N].
+        bond: c A, integral of the cohesion that the points still have, [N].
     """
     negligible = NEGLIGIBLE_SUM * float(np.max(np.abs(compression) + shear_sum, initial=0.0))
     strength = friction * np.maximum(compression, 0.0) + bond
@@ -133,7 +136,7 @@ def ratio(strength: Floats, shear: Floats, negligible: float) -> Floats:
 def mobilised_friction(friction: float, points: JointPoints) -> Floats:
     """Return the mobilised friction m = |t_s| / (mu p + c) of points, shape (..., points).
 
-    p is ``compression`` and c the cohesion of intact bonds, as in `safety_against_sliding`. The
+    p is ``compression`` and c the remaining cohesion, as in `safety_against_sliding`. The
     friction m is 1 at sliding points, more with dashpots, 0 without shear, and NaN at open points.
     """
     resistance = np.maximum(friction * points.compression + points.cohesion, 0.0)
@@ -174,9 +177,9 @@ def state_points(
         gaps(results, stream, joint, rows),
         results.series(stream, f"{where}/traction", rows),
     )
-    intact = np.full(traction.shape[:-1], "adheres" in results.law(joint))
+    intact = np.full(traction.shape[:-1], float("adheres" in results.law(joint)))
     if f"{where}/broken" in results.streams[stream]:
-        intact = results.series(stream, f"{where}/broken", rows) == 0
+        intact = 1.0 - results.series(stream, f"{where}/broken", rows)
     slip = (gap - zero_gap(results, joint))[..., 1:]
     return JointPoints(gap, slip, traction, cohesion * intact)
 

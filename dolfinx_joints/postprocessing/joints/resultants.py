@@ -119,7 +119,7 @@ class JointResultants(_Resultants):
         compression: Integral of the pressure over the area, including tension at intact bonds,
             shape (...), [N].
         shear_sum: Integral of the magnitude of the shear traction, shape (...), [N].
-        bond: Cohesion times the area with intact bonds, shape (...), [N].
+        bond: Integral of the cohesion that the points still have, shape (...), [N].
         friction: mu; NaN if the law does not limit the shear, or is unknown.
     """
 

@@ -91,3 +91,12 @@ def test_planes_that_block_or_release_every_motion():
     # A wedge in a roof falls; pushed upwards by twice its weight it is fixed again.
     assert SlidingWedge(planes=corner(above=False), force=DOWN).factor_of_safety == 0.0
     assert SlidingWedge(planes=corner(above=False), force=(0, 0, WEIGHT)).normal_forces.min() > 0
+
+
+@pytest.mark.parametrize(
+    ("planes", "force", "message"),
+    [([], DOWN, "planes is .*; it must be 1"), (corner(), (0, -1), "force is .* 3 finite numbers")],
+)
+def test_wedges_need_planes_and_a_force(planes, force, message):
+    with pytest.raises(ValueError, match=message):
+        SlidingWedge(planes=planes, force=force)

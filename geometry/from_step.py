@@ -181,7 +181,9 @@ def _import(
     extent = _extent(step, size)
     if wedge is not None:
         if WEDGE in names:
-            raise ValueError(f"A solid is called {WEDGE!r}, as the wedge is; name it otherwise.")
+            raise ValueError(
+                f"A solid is called {WEDGE!r}, a name reserved for the wedge of planes."
+            )
         host = _solid_around(WEDGE, wedge, tags)
         part, remaining = cut_wedge(tags[host], planes, wedge)
         names = [*names[:host], *[names[host]] * len(remaining), *names[host + 1 :], WEDGE]

@@ -52,8 +52,8 @@ def bounded(
         normal = plane_normal(*plane[:2])
         distance = float((point - plane[2:]) @ normal)
         if abs(distance) < ON_PLANE * reach or (below and distance > 0):
-            where = "on or above" if below else "on"
-            raise ValueError(f"The point {tuple(inside)} lies {where} the plane {name!r}.")
+            where = "is not below" if below else "lies on"
+            raise ValueError(f"The point {tuple(inside)} {where} the plane {name!r}.")
         low = 0.0 if distance > 0 else -2.0 * reach
         half = [(3, occ.addBox(-reach, -reach, low, 2 * reach, 2 * reach, 2 * reach))]
         occ.rotate(half, 0, 0, 0, -normal[1], normal[0], 0, np.radians(plane[0]))

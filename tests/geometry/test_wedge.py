@@ -121,7 +121,7 @@ def test_factor_of_safety_by_the_formula_of_hoek_and_bray(tmp_path):
         ({"planes": [(*A, *TOE)]}, "planes is .*; it must be planes by name"),
         ({"planes": {"a": (*A, *TOE), "c": (*A, *TOE)}}, "'c' is given twice or does not bound"),
         ({"ground": (*FACE, *TOE)}, "'ground_1' is 65.0, but it must be .dip, dip direction"),
-        ({"ground": [(*FACE, *TOE)], "inside": (-1.5, -3.5, 5.0)}, "lies on or above the plane"),
+        ({"ground": [(*FACE, *TOE)], "inside": (-1.5, -3.5, 5.0)}, "is not below the plane"),
         ({"inside": TOE}, "lies on the plane"),
         ({"inside": (0.0, 0.0, 40.0)}, "not inside the rock"),
         ({"lower": (0.0, 0.0, 40.0)}, "x, y and z must increase"),

@@ -118,7 +118,7 @@ def block_sliding(
     block, sides = _block_of(results, planes, blocks.mass)
     for joint in joints:
         if not joint.geometry.nearly_plane or np.isnan(joint.friction):
-            fault = joint.geometry.warning or "without a known friction angle"
+            fault = joint.geometry.warning or "without a allowed friction angle"
             raise ResultsError(f"A block slides on plane joints; {joint.joint!r} is {fault}.")
     ground = ground_in_steps(results)
     rows = min(len(blocks.time), len(ground) + 1, *(len(joint.contact) for joint in joints))
@@ -162,13 +162,13 @@ def check_blocks(given: Any) -> dict[str, dict[str, Any]]:
     """Check the metadata ``sliding``; return arguments of `block_sliding` by block."""
     check_named("metadata 'sliding'", given, "planes, or arguments of block_sliding, by block")
     blocks = {n: dict(of) if isinstance(of, Mapping) else {"planes": of} for n, of in given.items()}
-    known = {each.name: each for each in declarations(block_sliding)}
+    allowed = {item.name: item for item in declarations(block_sliding)}
     for name, arguments in blocks.items():
         where = f"metadata 'sliding', block {name!r}"
-        fits = "planes" in arguments and arguments.keys() <= known.keys()
-        check_kind_of(where, given[name], fits, f"planes, or {', '.join(known)} by name")
+        fits = "planes" in arguments and arguments.keys() <= allowed.keys()
+        check_kind_of(where, given[name], fits, f"planes, or {', '.join(allowed)} by name")
         for argument, value in arguments.items():
-            known[argument].check(value, where)
+            allowed[argument].check(value, where)
         _check_planes(f"{where}: planes", arguments["planes"])
     return blocks
 

@@ -118,7 +118,7 @@ def block_sliding(
     block, sides = _block_of(results, planes, blocks.mass)
     for joint in joints:
         if not joint.geometry.nearly_plane or np.isnan(joint.friction):
-            fault = joint.geometry.warning or "without a allowed friction angle"
+            fault = joint.geometry.warning or "without a known friction angle"
             raise ResultsError(f"A block slides on plane joints; {joint.joint!r} is {fault}.")
     ground = ground_in_steps(results)
     rows = min(len(blocks.time), len(ground) + 1, *(len(joint.contact) for joint in joints))

@@ -332,8 +332,8 @@ class SlidingWedge:
         force: Weight, thrust of a dam, inertia, without the water in the planes, shape (3,), [N].
     """
 
-    planes: Sequence[WedgePlane]
-    force: Sequence[float]
+    planes: Annotated[Sequence[WedgePlane], at.MinLen(1)]
+    force: Annotated[Sequence[float], at.Len(3, 3)]
 
     @cached_property
     def _solution(self) -> tuple[Floats, Floats]:

@@ -35,10 +35,13 @@ from dolfinx_joints.geometry.meshing.planes import (
 from dolfinx_joints.geometry.meshing.solids import add_groups, faces_of, mesh_solids, sides_of
 from dolfinx_joints.geometry.meshing.step_file import check_step_file, face_names
 from dolfinx_joints.geometry.meshing.step_options import (
+    PLANE_FORM,
     Where,
+    by_name,
     check_word,
     is_point,
     named_pair,
+    named_plane,
     named_point,
     named_where,
     numbers,
@@ -113,9 +116,10 @@ def from_step(
     path = mesh_path(out)
     gmsh_model.check_window(gui)
     planes = planes or {}
-    check_planes(planes)
     if bool(planes) != (wedge is not None):
         raise ValueError("planes and wedge must be given together.")
+    if planes:
+        check_planes(planes)
     step = Path(step)
     described = check_step_file(step)
     has_names = any(isinstance(where, str) for where in (surfaces or {}).values())
@@ -176,6 +180,10 @@ def _import(
         names[_solid_around(name, point, tags)] = name
     extent = _extent(step, size)
     if wedge is not None:
+        if WEDGE in names:
+            raise ValueError(
+                f"A solid is called {WEDGE!r}, a name reserved for the wedge of planes."
+            )
         host = _solid_around(WEDGE, wedge, tags)
         part, remaining = cut_wedge(tags[host], planes, wedge)
         names = [*names[:host], *[names[host]] * len(remaining), *names[host + 1 :], WEDGE]
@@ -341,7 +349,7 @@ def main(argv: list[str] | None = None) -> None:
         ("solid", named_point, "NAME=X,Y,Z", "name the solid around a point [m]"),
         ("joint", named_pair, "NAME=A,B", "name the joint between two volumes"),
         ("tied", pair_of, "A,B", "no joint between two volumes"),
-        ("plane", named_point, "NAME=DIP,DIRECTION,X,Y,Z", "bound the wedge by a plane"),
+        ("plane", named_plane, PLANE_FORM, "bound the wedge by a plane"),
         (
             "surface",
             named_where,
@@ -365,10 +373,7 @@ def main(argv: list[str] | None = None) -> None:
 
     def model(out: Path, **options: object) -> Path:
         for option in ("solids", "joints", "surfaces", "planes"):
-            pairs: list[tuple[str, object]] = options[option]  # type: ignore[assignment]
-            options[option] = dict(pairs)
-            if len(dict(pairs)) < len(pairs):
-                raise ValueError(f"two of the {option} have the same name, but names must differ.")
+            options[option] = by_name(option, options[option])  # type: ignore[arg-type]
         return from_step(out, **options)  # type: ignore[arg-type]
 
     gmsh_model.run_script(parser, model, argv)

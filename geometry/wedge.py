@@ -31,7 +31,7 @@ from dolfinx_joints.geometry.meshing.planes import (
     faces_on_planes,
 )
 from dolfinx_joints.geometry.meshing.solids import add_groups, faces_of, mesh_solids, sides_of
-from dolfinx_joints.geometry.meshing.step_options import named_point, numbers
+from dolfinx_joints.geometry.meshing.step_options import PLANE_FORM, by_name, named_plane, numbers
 
 
 @checked
@@ -63,7 +63,7 @@ def wedge(
         inside: point in the wedge [m].
         lower: smallest coordinates of the box [m].
         upper: largest coordinates of the box [m].
-        ground: planes such as a slope; the rock beyond them is removed.
+        ground: planes such as a slope; the rock above them is removed.
         size: largest cell size [m].
         joint_size: largest cell size at the joints [m]; ``size`` by default.
         order: order of the tetrahedra, 1 or 2.
@@ -75,12 +75,13 @@ def wedge(
 
     Raises:
         ValueError: if an argument is not allowed, the point is not in the rock, or a plane does not
-            bound the wedge.
+            bound the wedge or is given twice.
         RuntimeError: if Gmsh fails to mesh the solids.
     """
     path = mesh_path(out)
     gmsh_model.check_window(gui)
     slopes = {f"ground_{number}": plane for number, plane in enumerate(ground, start=1)}
+    check_planes(planes)
     check_planes({**planes, **slopes})
     extents = [high - low for low, high in zip(lower, upper, strict=False)]
     if not (len(lower) == len(upper) == 3 and all(extent > 0 for extent in extents)):
@@ -88,7 +89,7 @@ def wedge(
     with gmsh_model.gmsh_session():
         box = gmsh.model.occ.addBox(*lower, *extents)
         gmsh.model.occ.synchronize()
-        part, remaining = cut_wedge(bounded(box, slopes, inside), planes, inside)
+        part, remaining = cut_wedge(bounded(box, slopes, inside, below=True), planes, inside)
         if remaining:
             gmsh.model.occ.fragment([(3, part)], [(3, tag) for tag in remaining])
             gmsh.model.occ.synchronize()
@@ -117,11 +118,11 @@ def _on_box(face: int, lower: Sequence[float], upper: Sequence[float]) -> bool:
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
     parser = Parser(description="Mesh a wedge of rock.")
-    plane = "NAME=DIP,DIRECTION,X,Y,Z"
     parser.add_argument(
-        "--plane", dest="planes", type=named_point, action="append", default=[], metavar=plane
+        "--plane", dest="planes", type=named_plane, action="append", default=[], metavar=PLANE_FORM
     )
-    parser.add_argument("--ground", type=numbers, action="append", default=[], metavar=plane[5:])
+    form = PLANE_FORM.removeprefix("NAME=")
+    parser.add_argument("--ground", type=numbers, action="append", default=[], metavar=form)
     for flag in ("inside", "lower", "upper"):
         parser.add_argument(f"--{flag}", type=numbers, required=True, metavar="X,Y,Z")
     parser.add_argument("--size", type=float, required=True, help="cell size [m]")
@@ -132,7 +133,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--duplicated", action="store_true", help="duplicate the joint faces")
 
     def model(out: Path, **options: Any) -> Path:
-        return wedge(out, **(options | {"planes": dict(options["planes"])}))
+        return wedge(out, **(options | {"planes": by_name("planes", options["planes"])}))
 
     gmsh_model.run_script(parser, model, argv)
 

@@ -103,7 +103,7 @@ class ResultsMonitor(Monitor):
 
     def __post_init__(self) -> None:
         """Check the arguments; nothing is written before the run starts."""
-        check_storable("metadata", self.metadata or {})
+        check_storable("metadata", facts := self.metadata or {})
         given = self.strength or {}
         self._strengths = dict(given) if isinstance(given, Mapping) else {"": given}
         are_strengths = all(isinstance(s, Strength) for s in self._strengths.values())
@@ -112,10 +112,12 @@ class ResultsMonitor(Monitor):
             raise ValueError("strength needs recorded stresses: set envelopes=True as well.")
         self._doubts: list[str] | None = None  # warnings of strengths
         self._path, self._points = Path(self.path), check_points(self.points)
-        if isinstance(checks := (self.metadata or {}).get("checks"), Mapping):
-            from dolfinx_joints.postprocessing.criteria.checks import check_arguments
+        if facts.keys() & {"checks", "sliding"}:
+            from dolfinx_joints.postprocessing.criteria import checks, sliding
 
-            check_arguments(self._points, **checks)
+            if isinstance(arguments := facts.get("checks"), Mapping):
+                checks.check_arguments(self._points, **arguments)
+            sliding.check_blocks(facts.get("sliding", {}))
         self._backup = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None
         self._prepared_model: Model | None = None

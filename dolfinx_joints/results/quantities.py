@@ -258,7 +258,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("safety_min", "-", "least F"),
         Q("safety_time", "s", "least F at"),
         Q("time_below_one", "s", "time with F < 1"),
-        Q("yield_acceleration", "m/s^2", "yield acceleration", "m/s²"),
+        Q("yield_acceleration", "m/s^2", "yield acceleration along the slip", "m/s²"),
         Q("slip_residual", "m", "slip at the end", "mm"),
         Q("newmark_residual", "m", "slip of Newmark's block", "mm"),
     ),

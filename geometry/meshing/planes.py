@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import gmsh
 import numpy as np
 
-from dolfinx_joints.common.parameters import real, shown
+from dolfinx_joints.common.parameters import check_kind_of, numbers_of, shown
 from dolfinx_joints.exact import plane_normal
 from dolfinx_joints.geometry.meshing.extrusion import FloatArray
 from dolfinx_joints.geometry.meshing.solids import sides_of
@@ -22,22 +22,26 @@ ON_PLANE = 1e-6  # largest distance of a face from its plane, relative to the bo
 
 
 def check_planes(planes: Mapping[str, Plane]) -> None:
-    """Raise ValueError unless each plane has a name and five numbers."""
+    """Raise ValueError unless there are planes, each with a name and five numbers."""
+    is_named = isinstance(planes, Mapping) and len(planes) > 0
+    check_kind_of("planes", planes, is_named, "planes by name, at least one")
     for name, plane in planes.items():
         check_word("A plane", name)
-        numbers = [real(x) for x in plane]
-        if len(numbers) != 5 or not np.isfinite(numbers).all() or not 0 <= numbers[0] <= 90:
+        x = numbers_of(plane)
+        if x is None or x.shape != (5,) or not np.isfinite(x).all() or not 0 <= x[0] <= 90:
             raise ValueError(
                 f"The plane {name!r} is {shown(plane)}, but it must be (dip, dip direction, x, y, "
                 "z) with a dip from 0 to 90 degrees."
             )
 
 
-def bounded(solid: int, planes: Mapping[str, Plane], inside: Sequence[float]) -> int:
+def bounded(
+    solid: int, planes: Mapping[str, Plane], inside: Sequence[float], *, below: bool = False
+) -> int:
     """Cut a solid by planes; return the tag of the part around a point, the rest is removed.
 
     Raises:
-        ValueError: if the point is not in the solid, or lies on a plane.
+        ValueError: if the point is not in the solid, or lies on a plane or not ``below`` it.
     """
     if not is_point(inside):
         raise ValueError(f"The point of a wedge is {shown(inside)}, but it must be (x, y, z).")
@@ -47,8 +51,9 @@ def bounded(solid: int, planes: Mapping[str, Plane], inside: Sequence[float]) ->
     for name, plane in planes.items():
         normal = plane_normal(*plane[:2])
         distance = float((point - plane[2:]) @ normal)
-        if abs(distance) < ON_PLANE * reach:
-            raise ValueError(f"The point {tuple(inside)} lies on the plane {name!r}.")
+        if abs(distance) < ON_PLANE * reach or (below and distance > 0):
+            where = "is not below" if below else "lies on"
+            raise ValueError(f"The point {tuple(inside)} {where} the plane {name!r}.")
         low = 0.0 if distance > 0 else -2.0 * reach
         half = [(3, occ.addBox(-reach, -reach, low, 2 * reach, 2 * reach, 2 * reach))]
         occ.rotate(half, 0, 0, 0, -normal[1], normal[0], 0, np.radians(plane[0]))
@@ -80,7 +85,7 @@ def faces_on_planes(wedge: Iterable[int], planes: Mapping[str, Plane]) -> dict[s
     """Return the faces between a wedge and other volumes on each plane, by joint name.
 
     Raises:
-        ValueError: if a plane does not bound the wedge.
+        ValueError: if a plane does not bound the wedge, or is given twice.
     """
     tags = set(wedge)
     faces = [f for _, f in gmsh.model.getEntities(2) if len(set(sides_of(f)) & tags) == 1]
@@ -95,7 +100,8 @@ def faces_on_planes(wedge: Iterable[int], planes: Mapping[str, Plane]) -> dict[s
             if np.abs((_corners(face) - plane[2:]) @ normal).max() < ON_PLANE * extent
         ]
         if not joints[f"joint_{name}"]:
-            raise ValueError(f"The plane {name!r} does not bound the wedge.")
+            raise ValueError(f"The plane {name!r} is given twice or does not bound the wedge.")
+        faces = [face for face in faces if face not in joints[f"joint_{name}"]]
     return joints
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import gmsh
@@ -18,6 +19,7 @@ from dolfinx_joints.common.parameters import real, shown
 Where = tuple[str, float | str] | Sequence[float] | str
 
 UNNAMED_SURFACE = "outside"
+PLANE_FORM = "NAME=DIP,DIRECTION,X,Y,Z"
 _NEAR = 1e-4  # largest distance of a point from its face, relative to the body's extent
 _AXES = ("x", "y", "z")
 _DIRECTIONS = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -63,18 +65,31 @@ def named_pair(text: str) -> tuple[str, tuple[str, str]]:
     return name, pair_of(pair)
 
 
-def named_point(text: str) -> tuple[str, tuple[float, ...]]:
-    """Return the name and the point of the text NAME=X,Y,Z."""
-    name, _, point = text.partition("=")
-    try:
-        return name, tuple(float(word) for word in point.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=X,Y,Z") from None
-
-
 def numbers(text: str) -> tuple[float, ...]:
     """Return the numbers of the text A,B,..."""
-    return named_point(f"={text}")[1]
+    try:
+        return tuple(float(word) for word in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not numbers such as 1,2,3") from None
+
+
+def named_point(text: str, form: str = "NAME=X,Y,Z") -> tuple[str, tuple[float, ...]]:
+    """Return the name and the numbers of the text NAME=A,B,..."""
+    name, _, values = text.partition("=")
+    try:
+        return name, numbers(values)
+    except argparse.ArgumentTypeError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not {form}") from None
+
+
+named_plane = partial(named_point, form=PLANE_FORM)
+
+
+def by_name(option: str, pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the values of an option by name; raise ValueError if a name is given twice."""
+    if len(dict(pairs)) < len(pairs):
+        raise ValueError(f"two of the {option} have the same name, but names must differ.")
+    return dict(pairs)
 
 
 def named_where(text: str) -> tuple[str, Where]:
@@ -84,7 +99,7 @@ def named_where(text: str) -> tuple[str, Where]:
     try:
         if equals:
             return name, (axis, value if value in ("min", "max") else float(value))
-        return name, named_point(f"={place}")[1] if place.count(",") == 2 else place
+        return name, numbers(place) if place.count(",") == 2 else place
     except ValueError:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not NAME:AXIS=VALUE with a number, min or max"

@@ -131,6 +131,10 @@ def test_planes_cut_a_wedge_out_of_a_solid(tmp_path, step):
         assert facet_area(out, name) == pytest.approx(exact, rel=1e-6), name
     with pytest.raises(ValueError, match="planes and wedge must be given together"):
         from_step(tmp_path / "p.msh", step, size=1.0, planes=planes)
+    with pytest.raises(
+        ValueError, match="A solid is called 'wedge', a name reserved for the wedge"
+    ):
+        from_step(tmp_path / "p.msh", step, solids={"wedge": (4.5, 1, 1)}, **options)
 
 
 @pytest.fixture(scope="module")

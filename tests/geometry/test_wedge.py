@@ -113,7 +113,15 @@ def test_factor_of_safety_by_the_formula_of_hoek_and_bray(tmp_path):
     [
         ({"planes": {"a": (95.0, 105.0, *TOE)}}, "dip from 0 to 90"),
         ({"planes": {"a": (45.0, 105.0)}}, "must be .dip, dip direction, x, y, z"),
-        ({"planes": {"far": (45.0, 105.0, 90.0, 0.0, 0.0)}}, "'far' does not bound the wedge"),
+        (
+            {"planes": {"far": (45.0, 105.0, 90.0, 0.0, 0.0)}},
+            "'far' .* does not bound",
+        ),
+        ({"planes": {}}, "planes is {}; it must be planes by name, at least one"),
+        ({"planes": [(*A, *TOE)]}, "planes is .*; it must be planes by name"),
+        ({"planes": {"a": (*A, *TOE), "c": (*A, *TOE)}}, "'c' is given twice or does not bound"),
+        ({"ground": (*FACE, *TOE)}, "'ground_1' is 65.0, but it must be .dip, dip direction"),
+        ({"ground": [(*FACE, *TOE)], "inside": (-1.5, -3.5, 5.0)}, "is not below the plane"),
         ({"inside": TOE}, "lies on the plane"),
         ({"inside": (0.0, 0.0, 40.0)}, "not inside the rock"),
         ({"lower": (0.0, 0.0, 40.0)}, "x, y and z must increase"),
@@ -129,5 +137,14 @@ def test_script(tmp_path, capsys):
     out = str(tmp_path / "w.msh")
     sides = ["--plane", "left=45,135,0,0,12", "--plane", "right=45,225,0,0,12"]
     box = ["--lower=-30,-20,-5", "--upper", "30,20,20", "--inside=0,-5,12"]
-    script.main([*sides, "--ground", "65,180,0,-15,0", *box, "--size", "8", "--out", out])
+    options = [*sides, "--ground", "65,180,0,-15,0", *box, "--size", "8", "--out", out]
+    script.main(options)
     assert ", 2 joints with " in capsys.readouterr().out
+    for wrong, message in (
+        (["--plane", "left=45,125,0,0,12"], "two of the planes have the same name"),
+        (["--plane", "foo"], "'foo' is not NAME=DIP,DIRECTION,X,Y,Z"),
+        (["--inside", "foo"], "'foo' is not numbers such as 1,2,3"),
+    ):
+        with pytest.raises(SystemExit):
+            script.main([*options, *wrong])
+        assert message in capsys.readouterr().err

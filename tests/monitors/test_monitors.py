@@ -532,3 +532,25 @@ def test_wrong_arguments_of_checks_are_errors_before_the_run(checks, message):
     points = {"crest": (0, 0, 1), "foot": (0, 0, 0)}
     with pytest.raises(ValueError, match=message):
         dj.ResultsMonitor("never.h5", points=points, metadata={"checks": checks})
+
+
+@pytest.mark.parametrize(
+    ("sliding", "message"),
+    [
+        (3, "metadata 'sliding' is 3; it must be planes"),
+        (["joint"], "metadata 'sliding' is .'joint'.; it must be planes"),
+        ({"b": 3}, "block 'b': planes is 3; it must be 1 or more values"),
+        ({"b": "joint"}, "block 'b': planes is 'joint'; it must be 1 or more values"),
+        (
+            {"b": ["joint", "joint"]},
+            "planes is .*; it must be names of joints, each once",
+        ),
+        ({"b": {"plane": ["joint"]}}, "block 'b' is .*; it must be planes, or planes, direction, "),
+        ({"b": {"planes": ["joint"], "direction": [1, 0]}}, "direction is .* it must be 3 finite"),
+    ],
+)
+def test_wrong_blocks_are_errors_before_the_run(sliding, message):
+    with pytest.raises(ValueError, match=message):
+        dj.ResultsMonitor("never.h5", points={"p": (0, 0, 0)}, metadata={"sliding": sliding})
+    both = {"a": ["left", "right"], "b": {"planes": ["joint"], "direction": (1, 0, 0)}}
+    dj.ResultsMonitor("never.h5", points={"p": (0, 0, 0)}, metadata={"sliding": both})

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Bound of the friction coefficient for unique joint forces, from dense matrices."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,8 +19,10 @@ STEEL = dj.Elastic(young=30e9, poisson=0.2, density=2400.0)
 K_N, K_S = 1e10, 4e9
 
 
-def model(mesh):
-    law = dj.FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=30.0)
+LAW = dj.FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=30.0)
+
+
+def model(mesh, law=LAW):
     base = [dj.Fixed(group="base")]
     return dj.Model(mesh, material=STEEL, joints=law, supports=base, loads=[dj.Gravity()])
 
@@ -87,3 +91,40 @@ def test_no_bound_without_supports_and_joints(tmp_path):
     body = dj.Model(whole, material=STEEL, supports=[dj.Fixed(group="base")])
     with pytest.raises(dj.JointsError, match="The model has no joints"):
         dj.critical_friction(body)
+
+
+@pytest.mark.parametrize(("dt", "expected"), [(5e-3, 0.003), (2e-4, 0.59)])
+def test_bounds_of_two_blocks(dt, expected):
+    """As in docs/theory/solvers.md."""
+    law = replace(LAW, normal_stiffness=10 * K_N, shear_stiffness=10 * K_S)
+    blocks = model(mesh_of(two_blocks, size=0.25), law)
+    digits = 3 if expected < 0.01 else 2
+    assert round(dj.critical_friction(blocks, dt=dt), digits) == expected
+
+
+STIFF = {"normal_stiffness": K_N, "shear_stiffness": K_S, "friction_angle_deg": 30.0}
+BOND = {"tensile_strength": 1e6, "cohesion": 1e6}
+ENERGIES = {"fracture_energy": 200.0, "shear_fracture_energy": 400.0}
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        dj.AdhesiveJoint(**STIFF, adhesion=1e4),
+        dj.CohesiveJoint(**STIFF, **BOND, **ENERGIES),
+        dj.KeyedJoint(normal_stiffness=K_N, shear_stiffness=K_S),
+        dj.MohrCoulombJoint(**STIFF, dilatancy_angle_deg=5.0),
+        dj.ViscousJoint(law=LAW, normal_viscosity=1e5),
+    ],
+    ids=lambda law: type(law).__name__,
+)
+def test_other_laws_have_no_bound(law):
+    blocks = model(mesh_of(two_blocks, size=0.5), law)
+    with pytest.raises(dj.JointsError, match=f"is {type(law).__name__}; it must be FrictionNo"):
+        dj.critical_friction(blocks, dt=1e-3)
+
+
+def test_any_friction_is_unique_without_shear_stiffness():
+    smooth = dj.frictionless(normal_stiffness=K_N)
+    blocks = model(mesh_of(two_blocks, size=0.5), smooth)
+    assert dj.critical_friction(blocks, dt=1e-3) == np.inf

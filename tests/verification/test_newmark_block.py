@@ -20,6 +20,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import gmsh
+from boxes import box
 
 import dolfinx_joints as dj
 from benchmarks.shared.scenes import mesh_of
@@ -138,8 +139,28 @@ def check_errors(results):
     """Wrong names and directions are refused."""
     with pytest.raises(dj.ResultsError, match="No joint 'joint_2'"):
         dj.block_sliding(results, ["joint_2"])
-    with pytest.raises(dj.ResultsError, match="needs a direction of sliding"):
-        dj.block_sliding(results, ["joint_1"], direction=(0, 0, 0))
+    a = math.radians(ANGLE)
+    upwards = (-math.sin(a), 0.0, math.cos(a))
+    for direction in ((0, 0, 0), (0, 0, -1), (1, 0, 0), upwards):
+        with pytest.raises(dj.ResultsError, match="must be along a plane of joint_1 and into none"):
+            dj.block_sliding(results, ["joint_1"], direction=direction)
+    with pytest.raises(ValueError, match="planes is .*; it must be names of joints, each once"):
+        dj.block_sliding(results, ["joint_1", "joint_1"])
+
+
+@pytest.mark.filterwarnings("ignore:The estimated error of a single step")
+def test_a_block_of_a_plane_model_slides_in_its_plane(tmp_path):
+    mesh = box([1.0, 2.0], [2, 4], joints={"joint": (1, 1.0)}, groups={"base": (1, 0.0)})
+    model = dj.Model(
+        mesh, material=ROCK, joints=LAW, supports=[dj.Fixed(group="base")], loads=[dj.Gravity()]
+    )
+    results = run(model, tmp_path / "plane.h5", lambda t: (1.0, 0.0), 2 * DT, ["joint"])
+    # Level: yield acceleration is mu g.
+    values = dj.block_sliding(results, ["joint"], direction=(1, 0, 0)).measures()
+    assert values["yield_acceleration"] == pytest.approx(MU * 9.80665, rel=1e-9)
+    for direction in ((0, 0, 1), None):
+        with pytest.raises(dj.ResultsError, match=f"direction is .*{str(direction)[1:-1]}.*; it"):
+            dj.block_sliding(results, ["joint"], direction=direction)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -136,3 +136,12 @@ def test_strength_reduction_of_a_wedge_in_rock(pressure):
     safety = dj.factor_of_safety(simulation, tolerance=1e-3)
     assert safety.factor <= exact.factor_of_safety * (1.0 + 1e-9)
     assert safety.factor == pytest.approx(exact.factor_of_safety, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("planes", "force", "message"),
+    [([], DOWN, "planes is .*; it must be 1"), (corner(), (0, -1), "force is .* 3 finite numbers")],
+)
+def test_wedges_need_planes_and_a_force(planes, force, message):
+    with pytest.raises(ValueError, match=message):
+        SlidingWedge(planes=planes, force=force)

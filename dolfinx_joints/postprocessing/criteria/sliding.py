@@ -7,18 +7,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress
-from typing import Annotated
+from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
 
 from dolfinx_joints.common.arrays import Floats
-from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.declared import checked, declarations
 from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.parameters import check_kind_of, check_named
 from dolfinx_joints.exact import projected_force
 from dolfinx_joints.postprocessing.frames import ground_in_steps
 from dolfinx_joints.postprocessing.joints.extremes import NEGLIGIBLE_SUM, FrictionAngle, ratio
 from dolfinx_joints.postprocessing.joints.resultants import block_resultants, joint_resultants
+from dolfinx_joints.postprocessing.joints.surface import is_plane
 from dolfinx_joints.results.joint_points import free_areas, gaps
 from dolfinx_joints.results.reader import Results
 
@@ -69,7 +71,7 @@ class BlockSliding:
     def measures(self) -> dict[str, float]:
         """Return the main numbers, by name as in the table of quantities.
 
-        ``yield_acceleration`` is (R - D) / m of the static state.
+        ``yield_acceleration`` is (R - D) / m of the static state, along the direction of sliding.
         """
         safety = self.safety
         least = int(np.argmin(safety))
@@ -102,14 +104,15 @@ def block_sliding(
     Args:
         results: A run with ``ResultsMonitor(resultants=True)``, from static equilibrium.
         planes: Names of the joints on which the block slides.
-        direction: Direction of sliding, shape (3,). By default that of the static forces: the line
-            of intersection of two planes, or the steepest line of one plane.
+        direction: Direction of sliding along a plane and into none, shape (3,). By default that of
+            the static forces: the line of intersection of two planes, or the steepest line of one.
         friction_angle_deg: Friction angle of all planes; by default that of each joint law.
 
     Raises:
         ResultsError: A name is not a plane joint with friction, the run did not record forces on
-            blocks, no block is next to all planes, or there is no direction of sliding.
+            blocks, no block is next to all planes, or no plane lets it move along the direction.
     """
+    _check_planes("planes", planes)
     blocks = block_resultants(results)
     joints = [joint_resultants(results, p, friction_angle_deg=friction_angle_deg) for p in planes]
     block, sides = _block_of(results, planes, blocks.mass)
@@ -125,13 +128,15 @@ def block_sliding(
     active[1:] -= mass * ground[: rows - 1]
     normals = np.array([s * joint.geometry.normal for s, joint in zip(sides, joints, strict=True)])
     along = np.asarray(projected_force(normals, active[0])[1] if direction is None else direction)
-    if not along.any():
+    along = along / (np.linalg.norm(along) or 1.0)
+    opening = normals @ along
+    parallel = np.abs(opening) < PARALLEL  # the other planes open
+    blocked = opening.min() < -PARALLEL or (is_plane(results) and abs(along[2]) > PARALLEL)
+    if blocked or not (along.any() and (direction is None or parallel.any())):
         raise ResultsError(
-            f"direction is {direction}, but a block that its static forces do not push along its "
-            "planes needs a direction of sliding that is not zero."
+            f"direction is {direction}; it must be along a plane of {', '.join(planes)} and into "
+            "none, or None if the static forces push the block."
         )
-    along = along / np.linalg.norm(along)
-    parallel = np.abs(normals @ along) < PARALLEL  # the other planes open
     forces = np.array([projected_force(normals[parallel], row)[0] for row in active])
     resistance = np.zeros(rows)
     for joint, normal_force in zip(compress(joints, parallel), forces.T, strict=True):
@@ -149,11 +154,29 @@ def block_sliding(
 
 def recorded_blocks(results: Results) -> Mapping[str, BlockSliding]:
     """Return the blocks of the metadata ``sliding``: names, and planes or all arguments."""
-    given = results.metadata.get("sliding", {})
-    return {
-        name: block_sliding(results, **(of if isinstance(of, Mapping) else {"planes": of}))
-        for name, of in given.items()
-    }
+    blocks = check_blocks(results.metadata.get("sliding", {}))
+    return {name: block_sliding(results, **of) for name, of in blocks.items()}
+
+
+def check_blocks(given: Any) -> dict[str, dict[str, Any]]:
+    """Check the metadata ``sliding``; return arguments of `block_sliding` by block."""
+    check_named("metadata 'sliding'", given, "planes, or arguments of block_sliding, by block")
+    blocks = {n: dict(of) if isinstance(of, Mapping) else {"planes": of} for n, of in given.items()}
+    allowed = {item.name: item for item in declarations(block_sliding)}
+    for name, arguments in blocks.items():
+        where = f"metadata 'sliding', block {name!r}"
+        fits = "planes" in arguments and arguments.keys() <= allowed.keys()
+        check_kind_of(where, given[name], fits, f"planes, or {', '.join(allowed)} by name")
+        for argument, value in arguments.items():
+            allowed[argument].check(value, where)
+        _check_planes(f"{where}: planes", arguments["planes"])
+    return blocks
+
+
+def _check_planes(name: str, planes: Sequence[str]) -> None:
+    """Raise ValueError unless each plane is named once."""
+    fits = all(isinstance(plane, str) for plane in planes) and len(set(planes)) == len(planes)
+    check_kind_of(name, planes, fits, "names of joints, each once")
 
 
 def _block_of(results: Results, planes: Sequence[str], mass: Floats) -> tuple[int, list[float]]:

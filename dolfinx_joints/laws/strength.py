@@ -8,12 +8,14 @@ import math
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
-# Parameters that are divided; friction angles follow the coefficient.
+# Parameters that are divided by F; friction angles follow the coefficient.
 STRENGTHS = ("friction_coefficient", "cohesion", "adhesion", "tensile_strength", "tooth_cohesion")
+# Parameters that are divided by F^2, so that a bond does not gain at the same load R.
+ENERGIES = ("fracture_energy", "shear_fracture_energy")
 
 
-def divided(law: Any, factor: float) -> Any:
-    """Return a law with tan(phi), cohesion and tensile strength divided by a factor (31c).
+def divided(law: Any, factor: float, joint: str) -> Any:
+    """Return the law of a joint with its strength divided by a factor (31c).
 
     The dilatancy angle is at most the new friction angle, f_t at most c / tan(phi).
 
@@ -21,15 +23,16 @@ def divided(law: Any, factor: float) -> Any:
         ValueError: The law has no parameter of strength.
     """
     if hasattr(law, "law"):  # A law with dashpots contains another law.
-        return replace(law, law=divided(law.law, factor))
+        return replace(law, law=divided(law.law, factor, joint))
     names = [f.name for f in fields(law)] if is_dataclass(law) else []
     given = {name: getattr(law, name) for name in names}
     if not given.keys() & {*STRENGTHS}:
         raise ValueError(
-            f"{type(law).__name__} has no strength that can be divided; choose joints whose laws "
-            f"have one of these parameters: {', '.join(STRENGTHS)}."
+            f"Joint {joint!r}: {type(law).__name__} has no strength that can be divided; choose "
+            f"joints whose laws have one of these parameters: {', '.join(STRENGTHS)}."
         )
     changed = {name: given[name] / factor for name in STRENGTHS if name in given}
+    changed |= {name: given[name] / factor**2 for name in ENERGIES if name in given}
     if mu := changed.get("friction_coefficient"):
         changed["friction_angle_deg"] = angle = math.degrees(math.atan(mu))
         if "dilatancy_angle_deg" in given:

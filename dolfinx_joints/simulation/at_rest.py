@@ -12,9 +12,11 @@ import annotated_types as at
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import StaticState
+from dolfinx_joints.simulation.record import stage_record
 from dolfinx_joints.simulation.simulation import Simulation
 from dolfinx_joints.simulation.statics.stage_start import unloaded_state
 from dolfinx_joints.solvers.step_solver import SolveReport
@@ -41,24 +43,30 @@ def to_rest(
 
     The body vibrates freely under the loads of its model until its damping has brought it to rest.
     Then a static stage computes the equilibrium, with slips, openings and broken bonds as the
-    motion left them. The remaining inertia fades over the steps of this stage.
+    motion left them, and the loads at this time. The remaining inertia fades over its steps.
 
     Args:
         simulation: The simulation of the motion.
         state: Last state of the motion, ``outcome.state``.
         dt: Time step of the free vibration [s].
         model: Model with other loads for the static stage, such as a changed uplift, on the same
-            mesh and with the same joint laws; by default the model of the motion.
+            mesh and with laws of equal class and stiffness; by default the model of the motion.
         monitors: Observers of the static stages, with separate files.
         steps: Load steps of the static stage, called "at rest" in results.
 
     Raises:
         JointsError: The body does not come to rest, or the reservoir has waves.
-        ValueError: The model has another mesh.
+        ValueError: The model has another mesh or other joint laws.
     """
+    check_kind_of("state", state, isinstance(state, DynamicState), "a DynamicState")
     before, after = simulation.model, model or simulation.model
     if after.jointed is not before.jointed:
         raise ValueError("model has another mesh than the simulation; it must have the same mesh.")
+    for name in before.jointed.joint_names:
+        laws = [model.contact.laws[name] for model in (before, after) if model.contact]
+        kinds = {(type(w), type(getattr(w, "law", 0)), w.closed_stiffness()) for w in laws}
+        wanted = f"of the class and stiffnesses of the law of the motion, {shown(laws[0])}"
+        check_kind_of(f"model: the law of joint {name!r}", laws[-1], len(kinds) == 1, wanted)
     options: Any = {"options": simulation.options, "solver": simulation.solver}
     free = Simulation(before, **options)
     free.static = simulation.static
@@ -75,7 +83,9 @@ def to_rest(
         )
     settled = Simulation(after, monitors=monitors, **options)
     settled.static = _as_static(before, state)
-    settled.statics(steps=steps, name="at rest")
+    path = [(state.time, 1.0 / remaining) for remaining in range(steps, 0, -1)]
+    settled.static = settled._march("at rest", path, after.loads)
+    settled.add_stage(stage_record(after, "at rest", state.time, settled.static, after.loads))
     return settled
 
 

@@ -14,13 +14,15 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.common.summary import Rows, Summarised, names
 from dolfinx_joints.loads.load import FollowsJoints, Load, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.resultants import JointForces
 from dolfinx_joints.postprocessing.joints.resultants import JointResultants
+from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import StaticState
-from dolfinx_joints.simulation.record import stage_name, stage_record
+from dolfinx_joints.simulation.record import stage_record
 from dolfinx_joints.simulation.simulation import Simulation
 from dolfinx_joints.simulation.statics.stage import check_acting
 from dolfinx_joints.simulation.statics.stage_start import check_fits, state_at_rest
@@ -74,8 +76,9 @@ def factor_of_safety(
     multiplied: Sequence[Load] | None = None,
     loads: Sequence[Load] | None = None,
     start: StaticState | DynamicState | None = None,
-    time: Annotated[float, at.Unit("s")] = 0.0,
+    time: Annotated[float, at.Unit("s")] | None = None,
     tolerance: Annotated[float, at.Gt(0), at.Lt(1)] = 1e-3,
+    monitors: Sequence[Monitor] = (),
 ) -> FactorOfSafety:
     """Return the factor of safety of a static state (31c) (collective).
 
@@ -85,23 +88,25 @@ def factor_of_safety(
     trial starts from the equilibrium at the largest stable factor, because friction depends on the
     path. The last failure is confirmed by other starts, other solvers and pseudo-time.
 
-    The simulation keeps its static state. It gets two further stages: "factor of safety 1" with the
-    equilibrium at F, and "factor of safety 1, mechanism" with the displacement due to one second of
-    the mechanism's acceleration in addition, which monitors record and `views.deformed` draws.
+    The simulation does not change. The ``monitors`` receive two stages: "factor of safety" with the
+    equilibrium at F, and "mechanism" with the displacement due to one second of the mechanism's
+    acceleration in addition, which `views.deformed` draws.
 
     Args:
         simulation: Simulation of a model with joints.
         method: ``strength`` divides strengths of joints; ``load`` multiplies loads.
-        joints: Names of the joints whose tan(phi), cohesion and tensile strength are divided; by
-            default all joints.
-        multiplied: Loads that are multiplied, except water that follows the openings of joints; by
-            default all loads.
+        joints: With ``strength``, names of the joints whose strength is divided; all by default.
+        multiplied: With ``load``, loads that are multiplied, except water that follows the openings
+            of joints; by default all loads.
         loads: Loads of the model that act, such as changed uplift; all by default.
         start: State from which the first trial starts, by default the simulation's static state; or
             a static state or the last state of a dynamic stage, also of another model on the same
-            mesh with joints of the same stiffness, such as before a loss of strength.
-        time: Time at which the loads are evaluated [s].
+            mesh, such as before a loss of strength. The stiffnesses of joints must be equal, and
+            the internal variables of laws, unless the new laws have none.
+        time: Time at which the loads are evaluated [s]; by default that of a dynamic ``start`` or,
+            without ``start``, of the simulation's last stage; else zero.
         tolerance: Relative width of the interval of F.
+        monitors: Observers of the two stages, with separate files.
 
     Raises:
         JointsError: There is no static state, or no equilibrium at any factor from 1/64 to 1.
@@ -112,28 +117,37 @@ def factor_of_safety(
     divides = method == "strength"
     chosen = tuple(model.jointed.joint_names if joints is None else joints)
     check_joints(model, chosen)
+    check_kind_of("joints", chosen, len({*chosen}) == len(chosen), "different names")
     if model.contact is None or not chosen:
         raise ValueError("There is no joint whose strength can be divided; name at least one.")
-    of = chosen if divides else _loads_of(model, multiplied, acting)
+    unused, value = ("multiplied", multiplied) if divides else ("joints", joints)
+    check_kind_of(unused, value, value is None, f"None with the method {method!r}")
     check_acting(model, acting)
+    check_kind_of("loads", acting, len(acting) > 0, "at least one load of the model")
+    of = chosen if divides else _loads_of(model, multiplied, acting)
     before = simulation.static if start is None else start
     if before is None:
         raise JointsError("factor_of_safety() needs a static state: run statics() first.")
-    before = state_at_rest(model, before) if isinstance(before, DynamicState) else before
+    a_state = isinstance(before, StaticState | DynamicState)
+    check_kind_of("start", start, a_state, "a StaticState or a DynamicState")
+    last = simulation.stages[-1].time if start is None and simulation.stages else 0.0
+    if isinstance(before, DynamicState):
+        last, before = before.time, state_at_rest(model, before)
+    time = last if time is None else time
     check_fits(model, before)
+    recorded = Simulation(model, monitors=monitors)
     options = simulation.options or SolverOptions()
     applied = {"joints": of if divides else (), "multiplied": () if divides else of}
     trials = FailureTrials(model, before, acting, options, simulation.solver, time=time, **applied)
     lower, upper = _bracket(trials, tolerance)
-    name = stage_name(None, "factor of safety", simulation.stages)
     named = zip(load_names(model.loads), model.loads, strict=True)
     missing = tuple(n for n, load in named if not any(load is one for one in acting))
     state = trials.state({"missing": missing})
     acceleration = trials.acceleration(upper) if upper < math.inf else None
-    simulation.add_stage(stage := stage_record(model, name, time, state, acting))
+    recorded.add_stage(stage := stage_record(model, "factor of safety", time, state, acting))
     if acceleration is not None:
         moved = replace(state, displacement=state.displacement + 0.5 * acceleration)  # after 1 s
-        simulation.add_stage(stage_record(model, f"{name}, mechanism", time, moved, acting))
+        recorded.add_stage(stage_record(model, "mechanism", time, moved, acting))
     assert state.joints is not None
     return FactorOfSafety(
         factor=lower,
@@ -175,6 +189,7 @@ def _loads_of(
 ) -> tuple[str, ...]:
     """Return the names of the loads that are multiplied."""
     chosen = acting if multiplied is None else multiplied
+    check_kind_of("multiplied", chosen, len(chosen) > 0, "at least one load of the model")
     for load in chosen:
         if isinstance(load, FollowsJoints) or not any(load is one for one in acting):
             raise ValueError(

@@ -20,6 +20,8 @@ G, PULSE, TIME, ANGLE, AREA = 10.0, 4.0, 0.25, math.radians(20.0), 2.0 / math.co
 WEIGHT = 2400.0 * 2.0 * 0.6 * G  # of the block of 2 m x 1 m x 0.6 m [N]
 MU = math.tan(math.radians(30.0))
 DAMPING = dj.Rayleigh(stiffness_factor=2e-4)
+STIFF = {"normal_stiffness": 1e10, "shear_stiffness": 4e9}
+LAW = dj.FrictionNoTension(**STIFF, friction_angle_deg=30.0)
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +30,7 @@ def mesh():
     return mesh_of(two_blocks, length=2.0, size=0.5, angle=20.0, **heights)
 
 
-def model(mesh, *loads, damping=DAMPING):
-    law = dj.FrictionNoTension(normal_stiffness=1e10, shear_stiffness=4e9, friction_angle_deg=30.0)
+def model(mesh, *loads, damping=DAMPING, law=LAW):
     base, weight = dj.Fixed(group="base"), dj.Gravity(acceleration=(0.0, 0.0, -G))
     options = {"material": ROCK, "joints": law, "supports": [base], "damping": damping}
     return dj.Model(mesh, loads=[weight, *loads], **options)
@@ -78,6 +79,23 @@ def test_slip_and_forces_at_rest_and_after_a_change_of_the_uplift(mesh):
     assert after.dynamics(dt=2.5e-3, steps=2).state.kinetic_energy < 1e-9 * WEIGHT
 
 
+@pytest.mark.filterwarnings("ignore:The estimated error of a single step")
+def test_loads_are_those_at_the_time_of_rest(mesh):
+    """If a traction fades in the motion, only the weight acts at rest."""
+    fading = {"value": (-2e3, 0.0, 0.0), "factor": lambda t: max(1.0 - t / 0.05, 0.0)}
+    body = model(mesh, dj.Traction(group="top", **fading))
+    simulation = dj.Simulation(body)
+    simulation.statics()
+    state = simulation.dynamics(dt=2.5e-3, steps=24).state
+    after = dj.to_rest(simulation, state, dt=2.5e-3, steps=2)
+    force = dj.JointForces(body)(after.static.joints)["joint_1"].force
+    np.testing.assert_allclose(force, [0.0, 0.0, WEIGHT], atol=1e-6 * WEIGHT)
+    assert after.stages[0].time > state.time
+    for run, start in ((after, None), (simulation, state)):
+        factor = dj.factor_of_safety(run, start=start).factor
+        assert factor == pytest.approx(MU / math.tan(ANGLE), rel=1.1e-3)
+
+
 def test_what_cannot_come_to_rest_is_refused(mesh, monkeypatch):
     monkeypatch.setattr("dolfinx_joints.simulation.at_rest.MOST_RUNS", 2)
     simulation, state = shaken(model(mesh, damping=None))
@@ -86,3 +104,8 @@ def test_what_cannot_come_to_rest_is_refused(mesh, monkeypatch):
     other = mesh_of(two_blocks, size=1.0)
     with pytest.raises(ValueError, match="model has another mesh"):
         dj.to_rest(simulation, state, dt=2.5e-3, model=model(other))
+    bonded = dj.MohrCoulombJoint(**STIFF, friction_angle_deg=30.0, cohesion=1e5)
+    softer = dj.FrictionNoTension(**STIFF | {"shear_stiffness": 1e9}, friction_angle_deg=30.0)
+    for law in (bonded, softer):
+        with pytest.raises(ValueError, match="law of joint 'joint_1' is .* of the class and stiff"):
+            dj.to_rest(simulation, state, dt=2.5e-3, model=model(mesh, law=law))

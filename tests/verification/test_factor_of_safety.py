@@ -10,6 +10,7 @@ k_n/k_s, is in `test_static_paths`, the arch in `test_voussoir_arch`.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -105,10 +106,16 @@ def test_block_on_a_plane_with_cohesion_and_water(options):
     assert water == pytest.approx(pressure * LENGTH, rel=1e-9)  # 1 m thick
     assert safety.state.energy.relative_error < 1e-8
     assert run.static is before
-    assert [s.name for s in run.stages[1:]] == [
-        "factor of safety 1",
-        "factor of safety 1, mechanism",
-    ]
+    assert [s.name for s in run.stages] == ["statics 1"]
+
+
+class Stages(dj.Monitor):
+    def static_stage(self, model, stages):
+        self.stages = list(stages)
+
+
+# F of the block with phi = 40 degrees and without cohesion.
+RATIO = math.tan(math.radians(40.0)) / math.tan(math.radians(SLOPE))
 
 
 @pytest.mark.parametrize("law", [dj.FrictionNoTension, dj.MohrCoulombJoint, dj.RigidJoint])
@@ -116,8 +123,13 @@ def test_mechanism_slides_down_the_plane(law):
     stiff = {} if law is dj.RigidJoint else STIFF
     run = on_slope(law(friction_angle_deg=40.0, **stiff))
     run.statics()
-    safety = dj.factor_of_safety(run)
-    assert safety.factor == exactly(math.tan(math.radians(40.0)) / math.tan(math.radians(SLOPE)))
+    monitor = Stages()
+    safety = dj.factor_of_safety(run, monitors=[monitor])
+    assert safety.factor == exactly(RATIO)
+    at_limit, mechanism = monitor.stages
+    assert (at_limit.name, mechanism.name) == ("factor of safety", "mechanism")
+    moved = mechanism.state.displacement - at_limit.state.displacement
+    np.testing.assert_allclose(moved.array, 0.5 * safety.acceleration.array, atol=1e-12)
     # The last trial is beyond the limit by e: the block accelerates with e g sin a, nearly rigid.
     acceleration = safety.acceleration.array.reshape(-1, 2)
     sine, cosine = math.sin(math.radians(SLOPE)), math.cos(math.radians(SLOPE))
@@ -125,6 +137,29 @@ def test_mechanism_slides_down_the_plane(law):
     excess = 1.0 - float(safety.resultants["joint"].sliding_safety) / safety.upper
     assert largest(along) == pytest.approx(excess * G * sine, rel=0.02)
     assert largest(acceleration @ [sine, cosine]) < 0.01 * largest(along)
+
+
+@pytest.mark.parametrize("slip", [0.7, 0.9, 1.001])
+def test_damaged_bond_is_not_healed(slip):
+    """Linear softening leaves the share 1 - slip of c, for a slip relative to that of a break."""
+    bond = {"tensile_strength": 1e4, "cohesion": 2e4, "softening": "linear"}
+    energies = {"fracture_energy": 5.0, "shear_fracture_energy": 20.0}
+    law = dj.CohesiveJoint(**STIFF, friction_angle_deg=40.0, **bond, **energies)
+    ductility = 2.0 * 20.0 * STIFF["shear_stiffness"] / 2e4**2
+    run = on_slope(law)
+    intact = run.statics()
+    internal = intact.joints.state.internal.copy()
+    internal[:, :4] = 1.0, (slip * ductility) ** 2, 0.0, 0.0
+    state = replace(intact.joints.state, internal=internal)
+    safety = dj.factor_of_safety(
+        run, start=replace(intact, joints=replace(intact.joints, state=state))
+    )
+    if slip > 1.0:
+        assert safety.factor == exactly(RATIO)
+    # Friction has at most the strength of the broken joint.
+    remaining = max(1.0 - slip, 0.0) * ductility / (ductility - 1.0) * 2e4 * LENGTH / DRIVING
+    assert 0.9 * RATIO < safety.factor < RATIO + remaining
+    assert np.all(safety.state.joints.state.internal[:, 1] >= internal[:, 1])
 
 
 @pytest.mark.filterwarnings("ignore:Joint 'joint'")
@@ -249,6 +284,16 @@ def test_no_failure_and_refusals():
     assert "none up to 64" in repr(safety)
     with pytest.raises(ValueError, match="Gravity cannot be multiplied"):
         dj.factor_of_safety(run, method="load", multiplied=[dj.Gravity()])
+    for message, wrong in {
+        "multiplied is .* None with the method 'strength'": {"multiplied": run.model.loads},
+        "joints is .* None with the method 'load'": {"method": "load", "joints": ["joint"]},
+        "multiplied is .* at least one load": {"method": "load", "multiplied": []},
+        "loads is .* at least one load": {"loads": []},
+        "joints is .* different names": {"joints": ["joint", "joint"]},
+        "start is 3; it must be a StaticState": {"start": 3},
+    }.items():
+        with pytest.raises(ValueError, match=message):
+            dj.factor_of_safety(run, **wrong)
     with pytest.raises(ValueError, match="no joint whose strength"):
         dj.factor_of_safety(run, joints=[])
     other = groove(dj.FrictionNoTension(**STIFF, friction_angle_deg=40.0), {})
@@ -267,15 +312,17 @@ def test_divided_strength():
         tensile_strength=2e5,
         dilatancy_angle_deg=30.0,
     )
-    half = divided(bond, 2.0)
+    half = divided(bond, 2.0, "joint")
     assert half.friction_coefficient == pytest.approx(0.5)
     assert (half.cohesion, half.tensile_strength) == (1.5e5, 1e5)
     assert half.dilatancy_angle_deg == pytest.approx(half.friction_angle_deg)
-    assert divided(bond, 0.5).tensile_strength == pytest.approx(3e5)  # c / tan(phi)
+    assert divided(bond, 0.5, "joint").tensile_strength == pytest.approx(3e5)  # c / tan(phi)
     adhesive = dj.AdhesiveJoint(**STIFF, friction_angle_deg=45.0, adhesion=3e5)
-    assert divided(adhesive, 2.0).largest_tension == pytest.approx(adhesive.largest_tension)
+    assert divided(adhesive, 2.0, "joint").largest_tension == pytest.approx(
+        adhesive.largest_tension
+    )
     inner = dj.FrictionNoTension(**STIFF, friction_angle_deg=45.0)
-    dashpot = divided(dj.ViscousJoint(law=inner, normal_viscosity=1e5), 2.0)
+    dashpot = divided(dj.ViscousJoint(law=inner, normal_viscosity=1e5), 2.0, "joint")
     assert dashpot.law.friction_coefficient == pytest.approx(0.5)
-    with pytest.raises(ValueError, match="KeyedJoint has no strength that can be divided"):
-        divided(dj.KeyedJoint(**STIFF), 2.0)
+    with pytest.raises(ValueError, match="'joint': KeyedJoint has no strength that can be divided"):
+        divided(dj.KeyedJoint(**STIFF), 2.0, "joint")

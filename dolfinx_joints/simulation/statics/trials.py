@@ -140,8 +140,8 @@ class FailureTrials(Equilibrium):
         """Set the strength at a place of the increment, from 0 to 1; it varies linearly."""
         start, end = self._factors
         factor = 1.0 / ((1.0 - place) / start + place / end)
-        laws = {id(self._laws[name]): self._laws[name] for name in self._joints}
-        made = {key: divided(law, factor) for key, law in laws.items()}
+        users = {id(self._laws[name]): name for name in self._joints}
+        made = {key: divided(self._laws[name], factor, name) for key, name in users.items()}
         self._contact.set_laws(
             self._laws | {name: made[id(self._laws[name])] for name in self._joints}
         )

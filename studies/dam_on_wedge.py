@@ -153,7 +153,7 @@ def build(jointed: dj.JointedMesh, level: dj.SeepageLine) -> dj.Model:
 
 
 def run(folder: Path, record: str | None, *, quick: bool) -> dict[str, float]:
-    """Compute all stages, write ``shaking.h5`` and return the numbers (collective)."""
+    """Compute all stages, write result files and return the numbers (collective)."""
     comm = MPI.COMM_WORLD
     jointed = dj.read_msh(on_root(comm, lambda: make_mesh(folder)), comm)
     before, after = build(jointed, DRAINED), build(jointed, FULL)
@@ -165,7 +165,10 @@ def run(folder: Path, record: str | None, *, quick: bool) -> dict[str, float]:
     simulation = dj.Simulation(before, monitors=[monitor])
     simulation.statics(loads=before.loads[:1], name="weight")
     simulation.statics(steps=4, name="reservoir")
-    static = dj.factor_of_safety(simulation, joints=foundation, tolerance=TOLERANCE)
+    limit = dj.ResultsMonitor(folder / "limit.h5", points=points, overwrite=True)
+    static = dj.factor_of_safety(
+        simulation, joints=foundation, tolerance=TOLERANCE, monitors=[limit]
+    )
     numbers = {"F by reduced strength": static.factor}
     motion = make_motion(Case(record_folder=record, time_step=DT))
     steps = round((QUICK if quick else END) / DT)
@@ -183,11 +186,10 @@ def draw(path: Path, picture: Path) -> Path:
     """Draw the mechanism of the static failure, F(t), and the slip of the wedge."""
     from matplotlib import pyplot as plt
 
-    with dj.Results(path) as results:
-        shape = views.deformed(
-            results, stage="factor of safety 1, mechanism", groups=[*DAM, "wedge"]
-        )
+    with dj.Results(path.with_name("limit.h5")) as results:
+        shape = views.deformed(results, stage="mechanism", groups=[*DAM, "wedge"])
         mechanism = plt.imread(plots.save(shape, picture.with_name("mechanism.png")))
+    with dj.Results(path) as results:
         block = dj.block_sliding(results, SLIDING)
     figure = plt.figure(figsize=(11.0, 4.4), layout="constrained")
     axes = figure.subplot_mosaic([["shape", "safety"], ["shape", "slip"]])

@@ -100,8 +100,8 @@ class Contact:
                 widest = float(self.initial_gap[of_joint, 0].max(initial=0.0))
                 if (widest := operator.comm.allreduce(widest, max)) > 0.0:
                     raise JointsError(
-                        f"Joint {name!r} has adhesion and the initial gap {widest:.3g} m; it must "
-                        "not be positive, because the adhesion would act across the open joint."
+                        f"Joint {name!r}: the initial gap is {widest:.3g} m; it must not be "
+                        "positive, as the adhesion would act across the open joint."
                     )
 
     @cached_property

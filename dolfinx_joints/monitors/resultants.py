@@ -64,19 +64,15 @@ def breakable_joints(contact: Contact) -> tuple[str, ...]:
 
 
 def broken_shares(contact: Contact, joints: Response) -> Floats:
-    """Return the share of the cohesion that local points have lost, shape (n,).
-
-    The share is 1 less ``cohesion_share`` of the law, or else 1 where ``broken`` is not 0.
-    """
+    """Return the lost share of the cohesion of local points, 1 at broken bonds, shape (n,)."""
     lost, names = np.zeros(len(joints.traction)), contact.operator.names
     for joint in breakable_joints(contact):
         law = contact.laws[joint]
         of_joint = contact.operator.joint == names.index(joint)
         internal = joints.state.internal[of_joint]
-        if share := getattr(getattr(law, "law", law), "cohesion_share", None):
-            lost[of_joint] = 1.0 - share(internal)
-        else:
-            lost[of_joint] = internal[:, variables_of(law).index("broken")] != 0.0
+        broken = internal[:, variables_of(law).index("broken")] != 0.0
+        share = getattr(getattr(law, "law", law), "cohesion_share", None)
+        lost[of_joint] = broken if share is None else 1.0 - share(internal)
     return lost
 
 

@@ -159,6 +159,6 @@ def test_a_shaken_joint_mobilises_at_most_its_strength(new_path):
 def test_adhesion_across_an_open_joint_is_refused(comm):
     law = dj.AdhesiveJoint(**STIFF, adhesion=5e3)
     gaps = {"joint": lambda x: np.where(x[:, 0] > 3.0, 1e-3, 0.0)}
-    with pytest.raises(dj.JointsError, match=r"'joint' has adhesion and the initial gap 0.001 m"):
+    with pytest.raises(dj.JointsError, match=r"'joint': the initial gap is 0.001 m; it must"):
         model(law, joints=dj.Joints(law, initial_gaps=gaps), comm=comm)
     model(law, joints=dj.Joints(law, initial_gaps={"joint": -1e-6}), comm=MPI.COMM_SELF)

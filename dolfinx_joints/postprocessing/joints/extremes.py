@@ -105,9 +105,8 @@ def safety_against_sliding(
 
     The safety is 1 if all points slide, and never less with the friction of the law, which limits
     the shear of every point. Dashpots (`ViscousJoint`) add shear: it may be below 1. While the bond
-    of a `CohesiveJoint` softens, friction acts on a part of the area but counts in full: the safety
-    is above 1 until the bond is broken. It may be below 1 under tension, which also softens the
-    bond, or if most of the bond breaks in one step, because tractions are means over steps.
+    of a `CohesiveJoint` softens, the whole friction counts, and the safety is above 1. It may be
+    below 1 under tension, or in a step that breaks most of the bond (tractions are means of steps).
     At a safety of 2, half of the total strength is used, but single points may slide. In a plane
     joint with shear in one direction, the safety is the ratio of the resultants, (mu N + c A) / V.
     Opposite shear tractions cancel in V but not in S: they reduce the safety.

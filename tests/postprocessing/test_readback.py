@@ -227,7 +227,7 @@ def test_pictures_of_the_body(
         }
         for line, (quantity, of_joints) in zip(title[1:], sizes.items(), strict=True):
             joint = max(of_joints, key=lambda name: of_joints[name])
-            assert line == f"{quantity} {1e3 * of_joints[joint]:.2f} mm, {joint}"
+            assert line == f"{quantity} {1e3 * of_joints[joint]:.3g} mm, {joint}"
         for quantity in ("normal", "opening"):
             figure = views.joint_map(own, quantity, index=record)  # type: ignore[arg-type]
             label = figure.axes[-1].get_ylabel()

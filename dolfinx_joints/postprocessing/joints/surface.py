@@ -329,7 +329,7 @@ def _value(results: Results, joint: str, quantity: MapQuantity, number: int) -> 
         opening: Floats = np.maximum(gap[:, 0], 0.0)
         return opening if quantity == "opening" else np.hypot(gap[:, 1], gap[:, 2])
     friction, cohesion = strength_of(results, joint, None)
-    points = state_points(results, "states", joint, cohesion, slice(number, number + 1))
+    points = state_points(results, "states", joint, cohesion, slice(number, number + 1 or None))
     if quantity == "mobilised":
         if np.isnan(friction):
             raise ResultsError(

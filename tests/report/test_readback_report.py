@@ -201,7 +201,7 @@ def test_cells_of_joints_are_measures(tmp_path: Path) -> None:
                 "sliding [": "share_sliding",
                 "largest pressure [": "pressure_max",
                 "largest mean pressure [": "mean_pressure_max",
-                "bonds broken": "share_broken",
+                "cohesion lost": "share_broken",
             }.items():
                 shown(motion.value(joint, words), found[name])
             safety = measures.joint_extremes(run, joint).safety

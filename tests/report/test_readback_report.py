@@ -252,7 +252,7 @@ def test_stresses_and_the_view_in_space(
 
 
 def test_the_view_in_space_shows_the_groups_with_joints(tmp_path: Path) -> None:
-    """Of three cubes, two with a joint and one of rock, the two and the sides of their joint."""
+    """The 3-D view shows two cubes and the sides of their joint, but not the cube of rock."""
     rock = NODES[8:] + np.array([0.0, 3.0, 0.0])
     nodes, surface = np.concatenate([NODES, rock]), [*SURFACE, *(SURFACE[SURFACE.min(1) > 7] + 8)]
     cubes = [8 * n + np.array([0, 1, 3, 2, 4, 5, 7, 6]) for n in range(3)]

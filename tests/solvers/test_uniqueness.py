@@ -95,7 +95,7 @@ def test_no_bound_without_supports_and_joints(tmp_path):
 
 @pytest.mark.parametrize(("dt", "expected"), [(5e-3, 0.003), (2e-4, 0.59)])
 def test_bounds_of_two_blocks(dt, expected):
-    """As in docs/theory/solvers.md."""
+    """The bounds equal those that section 6.4 of docs/theory/solvers.md states."""
     law = replace(LAW, normal_stiffness=10 * K_N, shear_stiffness=10 * K_S)
     blocks = model(mesh_of(two_blocks, size=0.25), law)
     digits = 3 if expected < 0.01 else 2

@@ -410,10 +410,10 @@ def test_least_friction(voussoirs, thickness):
 
 @pytest.mark.parametrize("thickness", [0.13, 0.2])
 def test_factors_of_safety(thickness):
-    """Of an arch that is thicker than Milankovitch's limit, under a horizontal load as well.
+    """An arch thicker than Milankovitch's limit has the factors of the exact limit analysis.
 
-    The linear program gives the horizontal load that the thickness bears, at the limit with hinges,
-    and the friction at which the arch slides under a given horizontal load.
+    It carries its weight and a horizontal load. A linear program gives the largest horizontal load,
+    at which hinges form, and the least friction under a given horizontal load.
     """
     given, shape = 0.03, {"chords": 2, "friction": 1.0}
 

@@ -74,7 +74,9 @@ def check_fits(model: Model, start: StaticState) -> None:
     """Check that a state has the mesh and the internal variables of a model, and no idle joints."""
     contact, joints, unfinished = model.contact, start.joints, [*start.inactive, *start.absent]
     if unfinished:
-        raise JointsError(f"{unfinished[0]} does not act in the static state.")
+        raise JointsError(
+            f"{unfinished[0]} does not act in the given state; all joints and blocks must act."
+        )
     fits = start.displacement.getSizes() == model.stiffness.createVecRight().getSizes()
     if contact is not None and joints is not None:
         needed = contact.resting(contact.initial_gap)

@@ -52,7 +52,10 @@ def critical_friction(
         return 0.0
     compliance, comm = condensed.compliance, contact.operator.comm
     if (coupling := compliance.split.whole()) is None:
-        raise JointsError("The joints have too many points for a dense compliance.")
+        raise JointsError(
+            "The joints have too many points: their compliance must fit into one matrix. Use a "
+            "coarser mesh of the joints."
+        )
     own = compliance.own
     with np.errstate(divide="ignore", invalid="ignore"):
         of_law = np.repeat(1.0 / (own * contact.closed_stiffness()), (1, 2), axis=1)

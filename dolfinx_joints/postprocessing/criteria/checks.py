@@ -12,7 +12,10 @@ at 2.
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Collection, Iterator
+from os import PathLike
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -74,6 +77,11 @@ class Checks(tuple[Check, ...]):
         table = [list(Check._fields), *rows]
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in table)
+
+    def write_csv(self, path: str | PathLike[str]) -> None:
+        """Write the table to a CSV file."""
+        with Path(path).open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([Check._fields, *self])
 
 
 @checked

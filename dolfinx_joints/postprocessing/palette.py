@@ -20,11 +20,11 @@ BLUE, ORANGE, GREEN, RED, GREY = "#08519c", "#e69f00", "#238b45", "#b2182b", "#8
 RUNS = (ORANGE, BLUE, GREEN, RED, "#7b3294", "#56b4e9", "#8c6d00", "#444444")
 
 PERIMETRAL = "#7b3294"  # joints of the drawn groups to others; joints within the groups are red
-CONCRETE, OPEN, TIED = "#d9d5cc", "black", "#bdb8ac"
+CONCRETE, OPEN, TIED = "#d9d5cc", "#969696", "#bdb8ac"
 
 
 def colours() -> ListedColormap:
-    """Return colours from nearly white to dark blue, also monotonic in grey; NaN is black."""
+    """Return colours from nearly white to dark blue, also monotonic in grey; NaN is grey."""
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 

@@ -81,7 +81,7 @@ from dolfinx_joints.postprocessing.measures import (
     joint_shares,
     resolved_frequencies,
 )
-from dolfinx_joints.postprocessing.palette import BLUE
+from dolfinx_joints.postprocessing.palette import BLUE, OPEN
 from dolfinx_joints.results.arguments import COMPONENTS, Component, check_results, chosen_state
 from dolfinx_joints.results.joint_points import free_areas, since
 from dolfinx_joints.results.quantities import row_of
@@ -261,7 +261,7 @@ def joint_traction(
 ) -> Axes:
     """Draw a map of the traction on a joint, one patch per joint point.
 
-    Open points are black, tied points hatched. Axes are the horizontal distance (growing
+    Open points are grey, tied points hatched. Axes are the horizontal distance (growing
     downstream) and the elevation in the joint's mean plane; a curved joint is unrolled. The
     mobilised friction is 1 at sliding points. `joint_maps` draws all joints.
     """
@@ -391,7 +391,7 @@ def point_name(results: Results, point: int | str) -> str:
 def _open_legend(ax: Axes, share: float, *, some_tied: bool) -> None:
     from matplotlib.patches import Patch
 
-    patches = [Patch(color="black", label=f"open, {share:.0%} of the area")]
+    patches = [Patch(color=OPEN, label=f"open, {share:.0%} of the area")]
     patches += [Patch(label="tied", **TIED_STYLE)] if some_tied else []
     place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.12), "borderaxespad": 0.0}
     ax.legend(handles=patches, ncols=2, frameon=False, fontsize="small", **place)

@@ -174,7 +174,7 @@ def joint_map(
 
     From any viewpoint most joints of a dam are seen nearly edge-on. Therefore each upright joint is
     rotated about the vertical through its middle until it faces the viewer, upstream edge to the
-    left; ``turned=False`` disables this. In maps of tractions and states, open points are black.
+    left; ``turned=False`` disables this. In maps of tractions and states, open points are grey.
     Tied points, at the end of a joint inside a body, are grey in every map. The mobilised friction
     is 1 at sliding points, the slip is the tangential gap. Quantities ``largest_...`` are the
     largest values of each point over all steps. `plots.joint_maps` draws one panel per joint.

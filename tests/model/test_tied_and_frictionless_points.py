@@ -177,7 +177,7 @@ def _check_pages(results, folder):
     np.testing.assert_array_equal(free.get_array(), Status.OPEN)
     legend = [text.get_text() for text in figure.axes[-1].get_legend().get_texts()]
     assert legend[-1] == "tied"
-    # A traction map has no black where points are tied: they are open nowhere else, here all are.
+    # Tied points do not count as open; here all others are open.
     values = plots.joint_traction(results, "joint_1")
     assert values.get_legend().get_texts()[0].get_text() == "open, 100% of the area"
     page = dj.report.write([results.path], folder / "page.html").read_text(encoding="utf-8")

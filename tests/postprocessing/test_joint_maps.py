@@ -82,7 +82,7 @@ def test_each_joint_has_a_panel_with_the_values_of_the_file(results: Results) ->
     assert min(signed_colours((-8.0, 1.0))(8.0 / 9.0)[:3]) > 0.9  # zero is nearly white
     slip = plots.joint_maps(results, "slip")
     np.testing.assert_allclose(slip.axes[0].collections[0].get_array(), [0.0, 5.0, 0.0, 0.0])
-    assert slip.axes[2].get_legend() is None  # nothing is black
+    assert slip.axes[2].get_legend() is None  # nothing is open
 
 
 def test_maps_one_after_the_other_are_those_drawn_alone(results: Results) -> None:

@@ -11,13 +11,14 @@ from declared import write_states
 from written_runs import JOINT, NODES, POINTS, SURFACE, write_run
 
 from dolfinx_joints.common.errors import JointsError, ResultsError
-from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.postprocessing import palette, plots
 from dolfinx_joints.postprocessing.joints import surface as joint_surface
 from dolfinx_joints.results.quantities import ENERGY_TERMS
 from dolfinx_joints.results.reader import Results
 
 pytest.importorskip("matplotlib")
 
+from matplotlib.colors import to_rgba
 from matplotlib.text import Text
 
 OPEN = POINTS[:, 2] > 1.0  # in the last state
@@ -86,12 +87,12 @@ def test_runs_are_called_by_what_they_are(results: Results, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("quantity", ["normal", "tangential", "mobilised"])
-def test_traction_maps_are_black_where_open(results: Results, quantity: plots.Quantity) -> None:
+def test_traction_maps_are_grey_where_open(results: Results, quantity: plots.Quantity) -> None:
     ax = plots.joint_traction(results, "joint_1", quantity, time=1.1)
     patches = ax.collections[0]
     patches.update_scalarmappable()
-    black = np.all(patches.get_facecolor()[:, :3] == 0.0, axis=1)
-    np.testing.assert_array_equal(black, OPEN)
+    grey = np.all(patches.get_facecolor() == to_rgba(palette.OPEN), axis=1)
+    np.testing.assert_array_equal(grey, OPEN)
     assert ax.get_title() == "joint_1 at t = 1.000 s"
     assert ax.get_legend().get_texts()[0].get_text() == "open, 50% of the area"
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("horizontal distance [m]", "elevation [m]")

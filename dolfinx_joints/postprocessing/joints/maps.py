@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
 
 # Dimensions of the figure [inch], and the largest number of upright joints in a row.
-_WIDTH, _LEFT, _RIGHT = 10.0, 0.75, 0.15
-_GAP, _TITLE, _BELOW = 0.35, 0.3, 0.7
-_BAR, _HIGHEST = 0.85, 4.2
+_WIDTH, _LEFT, _RIGHT = 8.0, 0.65, 0.1
+_GAP, _TITLE, _BELOW = 0.25, 0.3, 0.7
+_BAR, _HIGHEST = 0.85, 3.4
 _IN_A_ROW = 6
 Limits = tuple[float, float]  # of the colours
 
@@ -58,7 +58,7 @@ def joint_maps(
     elevation axis. Other joints are below; curved joints are unrolled.
 
     The state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or the
-    static ``stage`` of this name or number (from 0). In maps of tractions open points are black.
+    static ``stage`` of this name or number (from 0). In maps of tractions open points are grey.
     The slip is the tangential gap. Tied points, at the end of a joint inside a body, are hatched.
     Quantities ``largest_...`` are the largest values of each point over all steps, without a state.
     """
@@ -112,7 +112,7 @@ def draw_map(
 ) -> PolyCollection:
     """Draw the patches of a joint's points, and the names of its ends.
 
-    Tied points are hatched; other points with a NaN are black.
+    Tied points are hatched; other points with a NaN are grey.
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
@@ -130,7 +130,7 @@ def draw_map(
     ax.autoscale_view()
     decorate(ax, *surface.labels, grid=False)
     for end, (x, y, aside, above, across) in zip(surface.ends, _ENDS, strict=True):
-        style: dict[str, Any] = {"ha": across, "fontsize": "small", "fontstyle": "italic"}
+        style: dict[str, Any] = {"ha": across, "fontsize": "x-small", "fontstyle": "italic"}
         ax.annotate(end, (x, y), (aside, above), "axes fraction", "offset points", **style)
     return patches
 
@@ -138,8 +138,8 @@ def draw_map(
 # Places of the names of the ends: position in shares of the axes, offset to the right and upwards
 # in points, alignment. Side names extend beyond the axes, which may be narrow.
 _ENDS = (
-    (0.0, 0.0, -9, -38, "left"),
-    (1.0, 0.0, 9, -38, "right"),
+    (0.0, 0.0, -6, -38, "left"),
+    (1.0, 0.0, 6, -38, "right"),
     (0.5, 0.0, 0, -38, "center"),
     (0.5, 1.0, 0, 3, "center"),
 )

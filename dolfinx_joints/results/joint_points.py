@@ -59,7 +59,9 @@ def zero_of(results: Results) -> str:
 
 def slip_zero(results: Results) -> str:
     """Return the state from which slips count: `zero_of`, or "first record" in layout 1."""
-    return "first record" if results.layout == 1 else zero_of(results)
+    if results.layout == 1 and "states" in results.streams and results.rows("states"):
+        return "first record"
+    return zero_of(results)
 
 
 def since(results: Results, name: str) -> str:

@@ -25,6 +25,7 @@ def energy_lines(results: Results) -> dict[str, Floats]:
     ``viscous`` then exclude these energies, which may be a thousand times larger than all others.
     """
     check_results(results)
+    results.rows("energy")  # raises an error if only static stages are recorded
     terms = [row.name for row in rows_below("energy") if row.name in results.streams["energy"]]
     lines = {term: results.series("energy", term) for term in terms if term != "absorbed"}
     through = through_boundaries(results)

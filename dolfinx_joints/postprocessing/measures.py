@@ -346,7 +346,7 @@ def joint_shares(*runs: Results) -> list[Quantity]:
 
 def has_bonds(results: Results, joint: str) -> bool:
     """Return True if the points of a joint have bonds, intact or broken."""
-    return f"joints/{joint}/broken" in results.streams["states"]
+    return f"joints/{joint}/broken" in results.streams.get("states", ())
 
 
 def stress_extremes(results: Results) -> dict[str, float]:

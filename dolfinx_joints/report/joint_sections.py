@@ -14,7 +14,7 @@ from dolfinx_joints.postprocessing.joints.maps import JointMaps
 from dolfinx_joints.report.page import Html, Section, details, figure, paragraph, table
 from dolfinx_joints.report.panels import Curve, panels
 from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing
-from dolfinx_joints.results.joint_points import joint_area, since, zero_of
+from dolfinx_joints.results.joint_points import joint_area, since, slip_zero, zero_of
 from dolfinx_joints.results.quantities import TABLE
 
 # File name, quantity and caption of each map after a static stage.
@@ -44,7 +44,7 @@ def joints(content: Content) -> Section | None:
     without = {"share_frictionless": free, "share_broken": bonds}
     columns = [row for row in TABLE["measures"] if row.label and without.get(row.name, True)]
     for run in runs:
-        zero = zero_of(run.results)
+        zero = slip_zero(run.results)
         head = ["joint", *(row.heading.format(zero=zero) for row in columns)]
         rows = [
             [name, *(row.factor * values[row.name] for row in columns)]

@@ -34,6 +34,10 @@ _JOINTS_NOTE = (
     "opposite shears do not cancel. A dash means no shear, no friction angle, or a curved joint."
 )
 _REACTIONS_NOTE = (
+    "Reactions are forces of supports on the body. If supports share a node, a component counts in "
+    "the first of them that constrains it, so reactions of several supports can be summed."
+)
+_REACTIONS_NOTE_1 = (  # in layout 1
     "Reactions are forces of supports on the body. A node of several supports counts in each of "
     "them. The file does not name these nodes, so the reactions are not summed."
 )
@@ -145,7 +149,8 @@ def _tables(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
     if static_stages[0].reaction:
         head = ["support", *(f"{component} [MN]" for component in run.components)]
         pieces.append(table(f"Reactions of the supports ({run.label})", head, reactions))
-        pieces.append(paragraph(_REACTIONS_NOTE, "note"))
+        note = _REACTIONS_NOTE_1 if run.results.layout == 1 else _REACTIONS_NOTE
+        pieces.append(paragraph(note, "note"))
     names = [
         n
         for n in static_stages[0].stresses

@@ -53,19 +53,27 @@ def gaps(results: Results, stream: str, joint: str, index: int | slice = slice(N
 
 
 def zero_of(results: Results) -> str:
-    """Return "static state", from which displacements and slips count, or else "first record"."""
+    """Return "static state", from which displacements count, or else "first record"."""
     return "static state" if results.stage_names else "first record"
 
 
+def slip_zero(results: Results) -> str:
+    """Return the state from which slips count: `zero_of`, or "first record" in layout 1."""
+    if results.layout == 1 and "states" in results.streams and results.rows("states"):
+        return "first record"
+    return zero_of(results)
+
+
 def since(results: Results, name: str) -> str:
-    """Return `zero_of` in words to follow the name of a slip, an empty text for other names."""
-    return f" from the {zero_of(results)}" if name.endswith("slip") else ""
+    """Return `slip_zero` in words to follow the name of a slip, an empty text for other names."""
+    return f" from the {slip_zero(results)}" if name.endswith("slip") else ""
 
 
 def zero_gap(results: Results, joint: str) -> Floats:
-    """Return the gaps of the state `zero_of`, shape (1, n, 3), or (0, n, 3) without records [m]."""
-    stream, rows = ("statics", slice(-1, None)) if results.stage_names else ("states", slice(1))
-    return gaps(results, stream, joint, rows)
+    """Return the gaps of `slip_zero`, shape (1, n, 3), or (0, n, 3) without records, [m]."""
+    if slip_zero(results) == "first record":
+        return gaps(results, "states", joint, slice(1))
+    return gaps(results, "statics", joint, slice(-1, None))
 
 
 def joint_area(results: Results) -> str:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 r"""Reader of results files: HDF5, versioned, readable during a run and after it was killed.
 
-Layout, version 1::
+Layout, version 2::
 
     /                     attributes ``format``, ``version``, ``created``
     /metadata             JSON text (UTF-8 bytes)
@@ -17,9 +17,8 @@ single-writer-multiple-reader (SWMR) mode. No dataset can be created in this mod
 summary are preallocated. The values of a record are written before its ``time``, so a row whose
 time can be read is complete.
 
-The status "running" means that the run is in progress or was killed.
-
 Any name may be declared; the names of a simulation are in `quantities` and `layout`.
+Version 1, written by 0.2.0, has the same places, but two quantities differ (`Results.layout`).
 """
 
 import json
@@ -40,7 +39,8 @@ from dolfinx_joints.common.parameters import check_file, shown
 from dolfinx_joints.common.summary import Rows, Summarised, names, number
 
 FORMAT = "dolfinx_joints results"
-VERSION = 1
+VERSION = 2
+OLDEST = 1  # lowest version of the layout that is read
 STAGE_NAME_BYTES = 120  # longest name of a static stage
 RELATIVE, ABSOLUTE = "relative to the ground", "absolute"  # "displacements" in the metadata
 
@@ -109,6 +109,15 @@ class Results(Summarised):
         has_points = "histories/points" in self.statics
         yield "points", names(self.point_names) if has_points else ""
         yield "arrays", names(n for n in self.statics if not n.startswith("joints/"))
+
+    @property
+    def layout(self) -> int:
+        """Version of the layout: 2, or 1 in files of 0.2.0.
+
+        In version 1 slips count from the first record, also after static stages. A reaction at a
+        node of several supports is included in each of them.
+        """
+        return int(self._file.attrs["version"])
 
     @property
     def metadata(self) -> dict[str, Any]:
@@ -368,10 +377,11 @@ def _check(file: h5py.File, path: Path) -> None:
     file_format, version = attribute(file, "format"), attribute(file, "version")
     if file_format != FORMAT or not isinstance(version, int):
         raise ResultsError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
-    check_version(version, VERSION)
+    check_version(version, OLDEST)
     if version > VERSION:
         raise ResultsError(
-            f"{path} has version {version} of the layout; the highest supported is {VERSION}."
+            f"{path} has version {version} of the layout; the highest supported is {VERSION}. "
+            "Update dolfinx_joints."
         )
     if not all(key in file for key in ("metadata", "status", "summary", "static", "streams")):
         raise ResultsError(f"{path} was left incomplete before its run started.")

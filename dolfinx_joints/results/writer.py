@@ -127,6 +127,11 @@ class ResultsWriter:
         """Replace the file by a copy, and return the writer of the copy."""
         part = path.with_name(path.name + ".part")
         with Results(path) as old:
+            if old.layout != VERSION:
+                raise ResultsError(
+                    f"{path} cannot be continued: it has version {old.layout} of the layout, new "
+                    f"records have version {VERSION}."
+                )
             counts = {stream: old.rows(stream) for stream in old.streams}
             if counts.keys() != rows.keys() or any(counts[s] < rows[s] for s in rows):
                 raise ResultsError(

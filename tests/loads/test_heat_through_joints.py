@@ -16,6 +16,7 @@ from dolfinx import fem
 
 import dolfinx_joints as dj
 from dolfinx_joints.loads.temperature.fields import FREQUENCY, YEAR
+from dolfinx_joints.mesh.dolfinx_versions import geometry_nodes
 
 pytestmark = pytest.mark.mpi
 
@@ -49,8 +50,8 @@ def nodes(field):
     jointed, space = field.function_space.mesh, field.function_space
     side = np.zeros(len(field.x.array))
     x = jointed.geometry.x[:, 0]
-    for cell, dofs in enumerate(space.dofmap.list):
-        middle = x[jointed.geometry.dofmap[cell]].mean()
+    for corners, dofs in zip(geometry_nodes(jointed), space.dofmap.list, strict=True):
+        middle = x[corners].mean()
         side[dofs] = np.sign(middle - LENGTH)
     return space.tabulate_dof_coordinates()[:, 0], side
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from declared import write_states
-from written_runs import JOINT, NODES, POINTS, SURFACE, write_run
+from written_runs import JOINT, NODES, POINTS, SURFACE, write_run, write_stages
 
 from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.postprocessing import palette, plots
@@ -124,6 +124,11 @@ def test_mobilised_friction_needs_friction(tmp_path: Path) -> None:
     path = write_states(tmp_path / "r.h5", NODES, SURFACE, {"joint_1": JOINT}, (0.0, {}))
     with pytest.raises(ResultsError, match="has no friction of the joint 'joint_1'"):
         plots.joint_maps(Results(path), "mobilised")
+
+
+def test_energies_of_static_stages_alone_are_an_error(tmp_path: Path) -> None:
+    with pytest.raises(ResultsError, match=r"No stream 'energy' in .*; it has statics"):
+        plots.energies(Results(write_stages(tmp_path / "static.h5")))
 
 
 def test_energies_have_a_unit_that_fits(results: Results) -> None:

@@ -42,7 +42,7 @@ class JointExtremes:
     """Time histories of the extremes of a joint's points, its mean pressure and its safety.
 
     Each series in ``values`` is also an attribute. ``opening`` and ``slip`` are the largest values
-    of all points [m]; the slip is the change of the tangential gap since the state `zero_of`.
+    of all points [m]; the slip is the change of the tangential gap since the state `slip_zero`.
     ``opening_at`` and ``slip_at`` are the points with these values, shape (records, 3), [m], NaN if
     all values are zero. ``pressure`` is the largest and ``mean_pressure`` the mean contact pressure
     [Pa], without the pressure of water in the joint. ``safety`` is `safety_against_sliding`,

@@ -100,6 +100,7 @@ from .motions.differing import Passage as Passage
 from .motions.motion import Motion as Motion
 from .motions.motion import synthetic_motion as synthetic_motion
 from .motions.reading import read_record as read_record
+from .motions.record_folder import read_motions as read_motions
 from .postprocessing import measures as measures
 from .postprocessing import motion_plots as motion_plots
 from .postprocessing import plots as plots

@@ -8,7 +8,6 @@ are not corrected; K-NET records, for example, have an offset.
 
 import re
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import shown
@@ -18,6 +17,7 @@ from dolfinx_joints.motions.record_text import (
     Direction,
     Format,
     RecordText,
+    Source,
     component,
     direction_named,
     other_quantity,
@@ -26,6 +26,7 @@ from dolfinx_joints.motions.record_text import (
     start_time,
     unit_named,
 )
+from dolfinx_joints.motions.recorders import RECORDERS
 
 _COUNT_AND_STEP = (
     re.compile(r"\bNPTS\s*=\s*(\d+)\s*,\s*DT\s*=\s*([\d.]+(?:E[+-]?\d+)?)\s*([A-Z]*)", re.I),
@@ -34,12 +35,16 @@ _COUNT_AND_STEP = (
 _SECONDS = {"": 1.0, "S": 1.0, "SEC": 1.0, "SECS": 1.0, "SECONDS": 1.0, "MS": 1e-3, "MSEC": 1e-3}
 _UNIT_IS_G = re.compile(r"\bUNITS?\s+OF\s+G(?![\w/*^])", re.I)
 _AT2_STEM = re.compile(
-    # The last two digits of NET.STATION.BHE.00 are the location of the sensor, not an azimuth.
-    r"(.+?)(?:[-_.]?(UP|DWN|DOWN|VERT?|\d{3})|\.[A-Z]{2}([NEZ])(?:\.\d\d)?"
-    r"|[-_.](V|NS|EW|[NESW]|(?<!\.[A-Z]{2}\d\.)\d{1,2}))",
+    # The last two digits of NET.STATION.BHE.00 are the location of the sensor, not an azimuth. In
+    # EW1 and EW2 the digit tells the sensor in the borehole from the one at the surface. L and T
+    # (longitudinal, transverse) and the digits of BH1, BH2 name components of unknown azimuth.
+    r"(.+?)(?:[-_.]?(UP|DWN|DOWN|VERT?|[NS]\d\d?[EW]|(?:NS|EW|UD)[12]?|\d{3})"
+    r"|\.[A-Z]{2}([NEZ12])(?:\.\d\d)?"
+    r"|(?:[-_.]|(?<=\d))(V|[NESW])|[-_.](?:([LTVH])\d?|((?<!\.[A-Z]{2}\d\.)\d{1,2})))",
     re.I,
 )
 _ESM_KEY = re.compile(r"([A-Z][A-Z0-9_/^]*):(.*)")
+_ESM_TYPES = ("ACCELERATION", "PROCESSED ACCELERATION", "UNPROCESSED ACCELERATION")
 _SCALE = re.compile(r"([\d.]+)\(([^)]*)\)/([\d.]+)")
 _ESM_START = re.compile(
     r"(?P<year>\d{4})(?P<month>\d\d)(?P<day>\d\d)_"
@@ -50,6 +55,7 @@ _KNET_START = re.compile(
     r"(?P<hour>\d\d?):(?P<minute>\d\d):(?P<second>\d\d(?:\.\d*)?)$"
 )
 _ESM_DIRECTIONS: dict[str, Direction] = {"N": 0.0, "E": 90.0, "Z": "up"}
+_ITACA_DIRECTIONS: dict[str, Direction] = {"NS": 0.0, "WE": 90.0, "EW": 90.0, "UP": "up"}
 _KNET_DIRECTIONS: dict[str, Direction] = {
     **dict.fromkeys(("N-S", "1", "4"), 0.0),
     **dict.fromkeys(("E-W", "2", "5"), 90.0),
@@ -62,17 +68,22 @@ def _at2_matches(text: RecordText) -> bool:
     return "NPTS" in head or "UNITS OF G" in head or head.startswith("PEER ")
 
 
-def _at2_parts(path: Path) -> tuple[str, Direction | None]:
-    """Return the name of the record and the direction of the component from the file name."""
+def _at2_parts(path: Source) -> tuple[str | None, Direction | None]:
+    """Return the record, None without a component in the file name, and the direction."""
     match = _AT2_STEM.fullmatch(path.stem)
-    direction = None if match is None else direction_named(match[2] or match[3] or match[4])
-    return (path.stem, None) if match is None or direction is None else (match[1], direction)
+    if match is None:
+        return None, None
+    word = next(filter(None, match.groups()[1:]))
+    if word in ("1", "2"):  # BH1 and BH2
+        return match[1], None
+    below = "_underground" if re.fullmatch("(NS|EW|UD)1", word, re.I) else ""
+    direction = direction_named(word if word[0].isdigit() else word.rstrip("12"))
+    return match[1] + below, direction
 
 
-def at2_record(path: Path) -> str | None:
+def at2_record(path: Source) -> str | None:
     """Return the name of the record of an AT2 file, or None if its name has no component."""
-    record, direction = _at2_parts(path)
-    return None if direction is None else record
+    return _at2_parts(path)[0]
 
 
 def _at2_record(text: RecordText) -> str | None:
@@ -102,7 +113,7 @@ def _read_at2(text: RecordText) -> list[Component]:
             unit="g",
             stated=direction_named(text.lines[1].rpartition(",")[2]),
             suggested=suggested,
-            record=record,
+            record=record or text.path.stem,
         )
     ]
 
@@ -124,35 +135,40 @@ def _esm_matches(text: RecordText) -> bool:
 
 def _esm_record(text: RecordText) -> str | None:
     keys = _keys(text)
-    if keys.get("DATA_TYPE", (0, ""))[1] != "ACCELERATION":
+    if keys.get("DATA_TYPE", (0, ""))[1] not in _ESM_TYPES:
         return None
     network, station, day, time = (
         keys.get(key, (0, ""))[1]
         for key in ("NETWORK", "STATION_CODE", "EVENT_DATE_YYYYMMDD", "EVENT_TIME_HHMMSS")
     )
-    return record_named(f"{network}.{station}", day, time)
+    return record_named(f"{network}.{station}".strip("."), day, time)
 
 
 def _read_esm(text: RecordText) -> list[Component]:
     keys = _keys(text)
-    for key in ("SAMPLING_INTERVAL_S", "NDATA", "UNITS", "DATA_TYPE", "STREAM"):
+    stream = "COMPONENT" if "COMPONENT" in keys else "STREAM"  # the former in ITACA until 2010
+    for key in ("SAMPLING_INTERVAL_S", "NDATA", "UNITS", "DATA_TYPE", stream):
         if key not in keys:
             raise RecordError(f"{text.path}: the header of an ESM file must have the key {key}.")
     number, kind = keys["DATA_TYPE"]
-    if kind != "ACCELERATION":
+    if kind not in _ESM_TYPES:
         text.fail(number, f"DATA_TYPE must be ACCELERATION, got {shown(kind)}.")
     dt = text.positive(*keys["SAMPLING_INTERVAL_S"], "SAMPLING_INTERVAL_S")
     count = text.count(*keys["NDATA"], "NDATA")
     number, unit = keys["UNITS"]
     unit = unit_named(unit, f"{text.path}, line {number}")
     number, first = keys.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", (0, ""))
+    if "TIME_FIRST_SAMPLE_S" in keys:  # ITACA until 2010
+        number, first = keys["TIME_FIRST_SAMPLE_S"]
+        first = first and f"{keys.get('EVENT_DATE_YYYYMMDD', (0, ''))[1]}_{first}"
+    direction = keys[stream][1]
     return [
         component(
             text,
             text.values(len(keys) + 1, count, keys["NDATA"][0]),
             dt=dt,
             unit=unit,
-            stated=_ESM_DIRECTIONS.get(keys["STREAM"][1][-1:]),
+            stated=_ITACA_DIRECTIONS.get(direction, _ESM_DIRECTIONS.get(direction[-1:])),
             record=_esm_record(text) or text.path.stem,
             start=start_time(text, number, _ESM_START, first) if first else None,
         )
@@ -262,5 +278,6 @@ FORMATS = (
     COSMOS,
     Format("SMC", _smc_matches, _smc_record, _read_smc),
     Format("ESM/ITACA", _esm_matches, _esm_record, _read_esm),
+    *RECORDERS,
     Format("PEER AT2", _at2_matches, _at2_record, _read_at2),
 )

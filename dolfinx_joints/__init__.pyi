@@ -44,8 +44,8 @@ from .loads.body_and_face_loads import FormLoad as FormLoad
 from .loads.body_and_face_loads import Gravity as Gravity
 from .loads.body_and_face_loads import Pressure as Pressure
 from .loads.body_and_face_loads import Traction as Traction
-from .loads.deconvolution import RockColumn as RockColumn
-from .loads.deconvolution import RockLayer as RockLayer
+from .loads.column import RockColumn as RockColumn
+from .loads.column import RockLayer as RockLayer
 from .loads.free_field import FreeField as FreeField
 from .loads.free_field import incident_wave as incident_wave
 from .loads.ground_motion import BaseMotion as BaseMotion

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""File formats with one component per file: PEER AT2, ESM/ITACA, K-NET, SMC; table of all formats.
+"""File formats with one component per file: AT2, ESM/ITACA, K-NET, SMC, AFAD; all formats.
 
 Each format is recognised by its first lines and read according to its published description. Values
 are not corrected; K-NET records, for example, have an offset.
@@ -11,7 +11,7 @@ from datetime import UTC, datetime, timedelta
 
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.motions.cosmos import COSMOS
+from dolfinx_joints.motions.columns import read_columns
 from dolfinx_joints.motions.record_text import (
     Component,
     Direction,
@@ -44,7 +44,6 @@ _AT2_STEM = re.compile(
     re.I,
 )
 _ESM_KEY = re.compile(r"([A-Z][A-Z0-9_/^]*):(.*)")
-_ESM_TYPES = ("ACCELERATION", "PROCESSED ACCELERATION", "UNPROCESSED ACCELERATION")
 _SCALE = re.compile(r"([\d.]+)\(([^)]*)\)/([\d.]+)")
 _ESM_START = re.compile(
     r"(?P<year>\d{4})(?P<month>\d\d)(?P<day>\d\d)_"
@@ -55,7 +54,13 @@ _KNET_START = re.compile(
     r"(?P<hour>\d\d?):(?P<minute>\d\d):(?P<second>\d\d(?:\.\d*)?)$"
 )
 _ESM_DIRECTIONS: dict[str, Direction] = {"N": 0.0, "E": 90.0, "Z": "up"}
-_ITACA_DIRECTIONS: dict[str, Direction] = {"NS": 0.0, "WE": 90.0, "EW": 90.0, "UP": "up"}
+_ESM_DIRECTIONS |= {"NS": 0.0, "WE": 90.0, "EW": 90.0, "UP": "up"}  # ITACA until 2010
+_AFAD = "STRONG GROUND MOTION RECORDS OF TURK"
+_AFAD_HEADER = re.compile(
+    r".*^NUMBER OF DATA\s*: (\d{1,9})$.*^SAMPLING INTERVAL\s*\(sec\)\s*: (\S+)$"
+    r".*^RAW PGA VALUES\s*\((\S+)\).*^(\s*N-S\s.*?)$",
+    re.M | re.S,
+)
 _KNET_DIRECTIONS: dict[str, Direction] = {
     **dict.fromkeys(("N-S", "1", "4"), 0.0),
     **dict.fromkeys(("E-W", "2", "5"), 90.0),
@@ -68,28 +73,21 @@ def _at2_matches(text: RecordText) -> bool:
     return "NPTS" in head or "UNITS OF G" in head or head.startswith("PEER ")
 
 
-def _at2_parts(path: Source) -> tuple[str | None, Direction | None]:
-    """Return the record, None without a component in the file name, and the direction."""
+def at2_parts(path: Source) -> tuple[str | None, Direction | None]:
+    """Return the record, None without a component in the name of the file, and the direction."""
     match = _AT2_STEM.fullmatch(path.stem)
     if match is None:
         return None, None
     word = next(filter(None, match.groups()[1:]))
-    if word in ("1", "2"):  # BH1 and BH2
-        return match[1], None
     below = "_underground" if re.fullmatch("(NS|EW|UD)1", word, re.I) else ""
-    direction = direction_named(word if word[0].isdigit() else word.rstrip("12"))
-    return match[1] + below, direction
-
-
-def at2_record(path: Source) -> str | None:
-    """Return the name of the record of an AT2 file, or None if its name has no component."""
-    return _at2_parts(path)[0]
+    bare = word if len(word) > 1 and word[0].isdigit() else word.rstrip("12")
+    return match[1] + below, direction_named(bare)  # None for BH1 and BH2
 
 
 def _at2_record(text: RecordText) -> str | None:
     """Return the name of the record; None for files of velocities (VT2) and displacements (DT2)."""
     kind = text.lines[2] if len(text.lines) > 2 else ""
-    return None if other_quantity(kind) else at2_record(text.path)
+    return None if other_quantity(kind) else at2_parts(text.path)[0]
 
 
 def _read_at2(text: RecordText) -> list[Component]:
@@ -104,7 +102,7 @@ def _read_at2(text: RecordText) -> list[Component]:
     count, dt = text.count(4, match[1]), text.positive(4, match[2], "the time step")
     if match[3].upper() not in _SECONDS:
         text.fail(4, f"the unit of DT must be SEC or MSEC, got {shown(match[3])}.")
-    record, suggested = _at2_parts(text.path)
+    record, suggested = at2_parts(text.path)
     return [
         component(
             text,
@@ -135,7 +133,7 @@ def _esm_matches(text: RecordText) -> bool:
 
 def _esm_record(text: RecordText) -> str | None:
     keys = _keys(text)
-    if keys.get("DATA_TYPE", (0, ""))[1] not in _ESM_TYPES:
+    if not keys.get("DATA_TYPE", (0, ""))[1].endswith("ACCELERATION"):
         return None
     network, station, day, time = (
         keys.get(key, (0, ""))[1]
@@ -151,7 +149,7 @@ def _read_esm(text: RecordText) -> list[Component]:
         if key not in keys:
             raise RecordError(f"{text.path}: the header of an ESM file must have the key {key}.")
     number, kind = keys["DATA_TYPE"]
-    if kind not in _ESM_TYPES:
+    if not kind.endswith("ACCELERATION"):  # also PROCESSED and UNPROCESSED
         text.fail(number, f"DATA_TYPE must be ACCELERATION, got {shown(kind)}.")
     dt = text.positive(*keys["SAMPLING_INTERVAL_S"], "SAMPLING_INTERVAL_S")
     count = text.count(*keys["NDATA"], "NDATA")
@@ -161,14 +159,14 @@ def _read_esm(text: RecordText) -> list[Component]:
     if "TIME_FIRST_SAMPLE_S" in keys:  # ITACA until 2010
         number, first = keys["TIME_FIRST_SAMPLE_S"]
         first = first and f"{keys.get('EVENT_DATE_YYYYMMDD', (0, ''))[1]}_{first}"
-    direction = keys[stream][1]
+    way = keys[stream][1]
     return [
         component(
             text,
             text.values(len(keys) + 1, count, keys["NDATA"][0]),
             dt=dt,
             unit=unit,
-            stated=_ITACA_DIRECTIONS.get(direction, _ESM_DIRECTIONS.get(direction[-1:])),
+            stated=_ESM_DIRECTIONS.get(way, _ESM_DIRECTIONS.get(way[-1:])),
             record=_esm_record(text) or text.path.stem,
             start=start_time(text, number, _ESM_START, first) if first else None,
         )
@@ -272,12 +270,26 @@ def _read_smc(text: RecordText) -> list[Component]:
     ]
 
 
+def _read_afad(text: RecordText) -> list[Component]:
+    header = _AFAD_HEADER.match("\n".join(text.lines[:25]))
+    if header is None:
+        needed = "NUMBER OF DATA, SAMPLING INTERVAL (sec), RAW PGA VALUES (gal) and N-S E-W U-D"
+        text.fail(1, f"the header of an AFAD file must have {needed}, in this order.")
+    count, step, unit, names = header.groups()
+    number = header[0].count("\n") + 1
+    text.lines[:number] = ["#"] * number  # a file in plain columns is left
+    parts = read_columns(text, unit, text.positive(number, step, "the step"), names.split())
+    if (rows := len(parts[0].acceleration)) != int(count):
+        text.fail(len(text.lines), f"{rows} rows, but the header states {count}.")
+    return parts
+
+
 # The first format that matches is used. AT2 is last, because only words in its header identify it.
 FORMATS = (
     Format("K-NET", _knet_matches, _knet_record, _read_knet),
-    COSMOS,
+    *RECORDERS,
     Format("SMC", _smc_matches, _smc_record, _read_smc),
     Format("ESM/ITACA", _esm_matches, _esm_record, _read_esm),
-    *RECORDERS,
+    Format("AFAD", lambda text: _AFAD in text.lines[0], lambda text: text.path.stem, _read_afad),
     Format("PEER AT2", _at2_matches, _at2_record, _read_at2),
 )

@@ -7,8 +7,7 @@ in m/s^2 and in right-handed axes with z up. Azimuths are clockwise from north, 
 """
 
 import os
-import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, RecordError, warn
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.motions.columns import is_columns, read_columns, states_unit
-from dolfinx_joints.motions.formats import FORMATS, at2_record
+from dolfinx_joints.motions.formats import FORMATS, at2_parts
 from dolfinx_joints.motions.motion import Motion, Seconds
 from dolfinx_joints.motions.record_text import (
     Component,
@@ -77,7 +76,7 @@ def read_components(
         raise RecordError(
             f"{text.path} has the format {file_format.name}; columns= is for plain columns only."
         )
-    components = file_format.read(text)
+    components = list(file_format.read(text))
     for part in components:
         if unit is not None and unit_named(unit, "unit") != part.unit:
             raise RecordError(f"{path} is in {part.unit}, but unit={shown(unit)} was given.")
@@ -110,10 +109,9 @@ def read_record(
     samples of two components are more than a quarter of a step apart.
 
     Args:
-        source: a directory, a zip archive, one file, or several files. Files of a directory or
-            archive are grouped to records by their headers; AT2 files by names that end in a
-            component (``-UP``, ``DWN``, ``000``, ``EW2``, ``N55W``). Subdirectories of a directory
-            and plain columns without a unit are skipped.
+        source: a directory, one file, or several files. Files of a directory are grouped to records
+            by their headers; AT2 files by names that end in a component (``-UP``, ``DWN``,
+            ``000``, ``EW2``). Subdirectories and plain columns without a unit are skipped.
         name: name of the record, or a unique part of the name; needed if there are several records.
         unit: unit of plain columns, see :func:`read_components`.
         dt: time step of plain columns [s].
@@ -146,9 +144,7 @@ def read_record(
     return motion
 
 
-def motion_of(
-    parts: list[Component], title: str, stream_azimuth_deg: float | None = None
-) -> Motion:
+def motion_of(parts: list[Component], title: str, stream_azimuth_deg: float | None) -> Motion:
     """Return the motion of the components of a record, see `read_record`."""
     motion, azimuth = _assemble_motion(parts, title)
     if azimuth is None and stream_azimuth_deg is not None:
@@ -159,8 +155,8 @@ def motion_of(
 
 
 def record_names(directory: str | Path) -> list[str]:
-    """Return the names of the records in a zip archive or directory, without its subdirectories."""
-    return list(records_in(_own_files(Path(directory)), False)[0])
+    """Return the names of the records in a directory, without its subdirectories."""
+    return list(records_in(sorted_in(Path(directory)), False)[0])
 
 
 def format_of(text: RecordText) -> Format | None:
@@ -168,54 +164,19 @@ def format_of(text: RecordText) -> Format | None:
     return next((candidate for candidate in FORMATS if candidate.matches(text)), None)
 
 
-def files_below(place: Source) -> Iterator[Source]:
-    """Yield the files of a folder, of its subfolders, and of zip archives in them, by name."""
-    for path in _sorted(place):
-        folder = archive_in(path) or path
-        if folder.is_dir():
-            yield from files_below(folder)
-        else:
-            yield path
-
-
-def archive_in(path: Source) -> zipfile.Path | None:
-    """Return the content of a zip archive; None for folders and other files."""
-    if not path.is_file() or not path.name.lower().endswith(".zip"):
-        return None
-    try:
-        return zipfile.Path(zipfile.ZipFile(path if isinstance(path, Path) else path.open("rb")))
-    except (OSError, zipfile.BadZipFile):  # refused later like any other unknown file
-        return None
-
-
-def _sorted(folder: Source) -> list[Source]:
-    try:
-        return sorted(folder.iterdir(), key=lambda path: path.name)
-    except OSError as error:
-        raise RecordError(
-            f"The file or directory {folder} cannot be read: {error.strerror}."
-        ) from None
-
-
-def _own_files(place: Path) -> list[Source]:
-    """Return the files of a zip archive, or of a directory without its subdirectories."""
-    archive = archive_in(place)
-    return list(files_below(archive)) if archive else [p for p in _sorted(place) if p.is_file()]
-
-
 def _files(
     source: str | Path | Iterable[str | Path], name: str | None, any_columns: bool
 ) -> tuple[list[Source], str]:
     """Return the files to read and the name of their record, empty for given files."""
     if not isinstance(source, str | Path):
-        files = [Path(path) for path in source]
+        files: list[Source] = [Path(path) for path in source]
         if not files:
             raise RecordError("At least one file is needed, got none.")
         return files, ""
     path = Path(source)
-    if os.path.isfile(path) and archive_in(path) is None:
+    if os.path.isfile(path):
         return [path], ""
-    records, refused = records_in(_own_files(path), any_columns)
+    records, refused = records_in(sorted_in(path), any_columns)
     chosen = [stem for stem in records if name is None or name.lower() in stem.lower()]
     chosen = [stem for stem in chosen if stem == name] or chosen
     if not chosen:
@@ -229,13 +190,22 @@ def _files(
     return records[chosen[0]], chosen[0]
 
 
+def sorted_in(folder: Source) -> list[Source]:
+    """Return the content of a folder, sorted by name."""
+    try:
+        return sorted(folder.iterdir(), key=lambda path: path.name)
+    except OSError as error:
+        text = f"The file or directory {folder} cannot be read: {error.strerror}."
+        raise RecordError(text) from None
+
+
 def records_in(
     paths: Iterable[Source], any_columns: bool
 ) -> tuple[dict[str, list[Source]], dict[Source, str]]:
     """Return the files of each record, and the reasons why other files belong to no record."""
     records: dict[str, list[Source]] = {}
     refused = {}
-    for path in paths:
+    for path in (path for path in paths if path.is_file()):
         try:
             records.setdefault(_record_of(path, any_columns), []).append(path)
         except RecordError as error:
@@ -254,7 +224,7 @@ def _record_of(path: Source, any_columns: bool) -> str:
             raise RecordError("no accelerations, no unit, or no component in the file name")
         return record
     except RecordError:  # assign a damaged AT2 file by its name, so that reading it raises an error
-        if path.name.upper().endswith(".AT2") and (record := at2_record(path)) is not None:
+        if path.suffix.upper() == ".AT2" and (record := at2_parts(path)[0]) is not None:
             return record
         raise
 

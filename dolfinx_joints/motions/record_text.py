@@ -9,7 +9,7 @@ import math
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -217,7 +217,7 @@ class Format(NamedTuple):
     name: str
     matches: Callable[[RecordText], bool]
     record: Callable[[RecordText], str | None]
-    read: Callable[[RecordText], list[Component]]
+    read: Callable[[RecordText], Iterable[Component]]
 
 
 def unit_named(text: str, where: str) -> str:

@@ -24,7 +24,7 @@ from dolfinx_joints.common.errors import (
 )
 from dolfinx_joints.common.hdf5 import check_superblock
 from dolfinx_joints.common.mpi import on_root
-from dolfinx_joints.common.parameters import check_kind_of, check_named, shown
+from dolfinx_joints.common.parameters import check_kind_of, check_named
 from dolfinx_joints.common.summary import Rows, Summarised, names
 from dolfinx_joints.loads.ground_motion import MOVING
 from dolfinx_joints.loads.oblique_field import rising_waves
@@ -118,9 +118,8 @@ class MotionSuite(Summarised):
             rerun_changed: Repeat runs whose motion or time step has changed (otherwise an error),
                 and restart incomplete runs whose model, points or ``options`` have changed
                 (otherwise they fail).
-            free_field: Function of a motion that returns a list with its `FreeField` or
-                `ObliqueFreeField`. The waves then move the model in place of the motion itself,
-                for as long as the motion lasts.
+            free_field: Function that returns a list with the `FreeField` or `ObliqueFreeField` of a
+                motion, which then moves the model in place of the motion itself.
             options: ``scheme``, ``control`` and ``loads`` of `Simulation.dynamics`.
 
         Returns:
@@ -130,7 +129,10 @@ class MotionSuite(Summarised):
             StudyError: The motion or the time step of a run has changed.
             ResultsError: A results file cannot be written; the other runs have been completed.
         """
-        waves = {name: _waves(name, motion, free_field) for name, motion in self.motions.items()}
+        waves = {n: free_field(m) if free_field else None for n, m in self.motions.items()}
+        for name, loads in waves.items() if free_field else ():
+            good = isinstance(loads, Sequence) and bool(rising_waves(loads))
+            check_kind_of(f"free_field of {name!r}", loads, good, "a list with a FreeField")
         states = on_root(self._comm, lambda: self._states(dt, rerun_changed))
         waiting = [name for name, state in states.items() if state != "there"]
         shared = SharedBulk()
@@ -255,8 +257,7 @@ class MotionSuite(Summarised):
     ) -> Any:
         """Return a function that runs the model under a motion."""
         given, motion = self._simulation, self.motions[name]
-        options = dict(options)
-        loads = options.pop("loads", ())
+        loads = [*options.get("loads", ()), *(waves or ())]
         # Do not add a step if the duration exceeds the last step only by rounding.
         steps = max(math.ceil(motion.duration / dt * (1.0 - 1e-12)), 1)
 
@@ -274,13 +275,9 @@ class MotionSuite(Summarised):
             one.static, one.stages, one.shared = given.static, list(given.stages), shared
             path = self._checkpoint(name)
             kept = Checkpoints(path, every=every, overwrite=True, resume=resume)
+            ground = motion if waves is None else None
             outcome = one.dynamics(
-                dt=dt,
-                steps=steps,
-                motion=motion if waves is None else None,
-                loads=[*loads, *(waves or ())],
-                checkpoint=kept,
-                **options,
+                dt=dt, steps=steps, motion=ground, checkpoint=kept, **{**options, "loads": loads}
             )
             on_root(self._comm, path.unlink)
             return outcome
@@ -294,21 +291,6 @@ class MotionSuite(Summarised):
             return run(resume=False)
 
         return begun if state == "begun" else partial(run, resume=False)
-
-
-def _waves(
-    name: str, motion: Motion, free_field: Callable[[Motion], Sequence[Any]] | None
-) -> Sequence[Any] | None:
-    """Return the waves of a motion, None if the motion itself moves the ground."""
-    if free_field is None:
-        return None
-    waves = free_field(motion)
-    if not isinstance(waves, Sequence) or not rising_waves(waves):
-        raise ValueError(
-            "free_field must return a list with a FreeField or an ObliqueFreeField for the motion "
-            f"{name!r}, got {shown(waves)}."
-        )
-    return waves
 
 
 def _digest(motion: Motion, dt: float) -> str:

@@ -263,7 +263,7 @@ def test_junk_is_an_error(tmp_path: Path) -> None:
         (b"PEER" + b"\0" * 100, " is not a text file."),
         (
             b"Dear reader,\nno numbers here.\n",
-            " has an unknown format (supported: K-NET, COSMOS, SMC, ESM/",
+            " has an unknown format (supported: K-NET, COSMOS, GeoNet, CSMIP, SMC, ESM/",
         ),
     ):
         assert error_message(write(tmp_path, content, "junk.AT2")).startswith(message)

@@ -87,22 +87,19 @@ def test_equal_names_in_two_folders_are_refused(tmp_path: Path) -> None:
     with pytest.warns(PlausibilityWarning, match="3 of 6 files"):
         records = dj.read_motions(tmp_path)
     assert list(records.motions) == ["RSN1_ABC"]
-    assert "a motion of another folder has the name RSN1_ABC" in records.table["remark"][5]
+    assert "Another folder has a motion with the name RSN1_ABC" in records.table["remark"][5]
 
 
-def test_arguments_of_columns_and_azimuths_hold_for_all_records(tmp_path: Path) -> None:
+def test_the_azimuth_holds_for_all_records(tmp_path: Path) -> None:
+    header = "unit: cm/s^2\ncolumns: N E UP\ndt: 0.01"
     for name in ("one", "two"):
-        np.savetxt(tmp_path / f"{name}.txt", [[0, 0, 0], [100, 0, 0], [0, 50, 0], [0, 0, -25]])
-    records = dj.read_motions(
-        tmp_path, unit="cm/s^2", columns="N E UP", dt=0.01, stream_azimuth_deg=0.0
-    )
+        samples = [[0, 0, 0], [100, 0, 0], [0, 50, 0], [0, 0, -25]]
+        np.savetxt(tmp_path / f"{name}.txt", samples, header=header)
+    records = dj.read_motions(tmp_path, stream_azimuth_deg=0.0)
+    assert list(records.motions) == ["one", "two"]
+    assert list(records.table["format"]) == ["columns", "columns"]
     for motion in records.motions.values():
         np.testing.assert_allclose(motion.peak, [1.0, 0.5, 0.25])
-
-
-def test_one_record_of_an_archive_is_read_by_name(folder: Path) -> None:
-    motion = dj.read_record(archive(folder), name="RSN4")
-    np.testing.assert_allclose(motion.peak / 9.80665, [0.2, 0.1, 0.3], rtol=1e-6)
 
 
 def test_sources_without_a_record_are_errors(tmp_path: Path) -> None:

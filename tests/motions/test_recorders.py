@@ -94,7 +94,7 @@ FILES: dict[str, tuple[Callable[[], str], list[float | str], str]] = {
         "20000101_102030_ABCD_20_uncorrected",
     ),
     "GeoNet V2A": (lambda: geonet(2), [332.0, 242.0, "up"], "20000101_102030_ABCD_20"),
-    "AFAD": (afad, [0.0, 90.0, "up"], "4304_20072000_223114.000000"),
+    "AFAD": (afad, [0.0, 90.0, "up"], "file"),
 }
 
 
@@ -137,10 +137,10 @@ def test_channels_have_the_peaks_steps_and_directions_of_their_headers(
         (geonet(1, count="-7"), "line 20: the number of values must be an integer of 2 or more"),
         (geonet(1)[:900], "must have the first values"),
         (geonet(1) + "rest", "line 91: a channel must begin here, got 'rest'"),
-        (afad(count="38"), "line 47: 37 rows, but line 6 states 38"),
-        (afad(names="a b c"), "line 1: a line 'N-S E-W U-D' must be above the columns"),
-        (afad().replace("(gal)", "(cm)"), "line 8: 'cm' is not a unit of acceleration"),
-        (afad().replace("RECORD TIME", "TIME"), "must have the key RECORD TIME"),
+        (afad(count="38"), "line 47: 37 rows, but the header states 38"),
+        (afad(names="a b c"), "(gal) and N-S E-W U-D, in this order"),
+        (afad().replace("(gal)", "(cm)"), "unit: 'cm' is not a unit of acceleration"),
+        (afad().replace("SAMPLING", "STEP"), "must have NUMBER OF DATA, SAMPLING INTERVAL (sec)"),
     ],
     ids=lambda text: text.strip()[:20],
 )

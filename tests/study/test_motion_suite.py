@@ -289,7 +289,7 @@ def test_motions_are_waves_of_a_free_field(comm, wall_file, read, new_path, monk
 def test_a_free_field_without_waves_or_with_a_motion_is_an_error(simulation, new_path):
     suite = MotionSuite(new_path("none"), simulation(), motions(0.5), points=POINTS)
     for wrong in ([], dj.Gravity(), [dj.Gravity()], None):
-        with pytest.raises(ValueError, match=r"must return a list with a FreeField .* 'x0.5'"):
+        with pytest.raises(ValueError, match=r"free_field of 'x0.5' is .*; it must be a list with"):
             suite.run(dt=DT, free_field=lambda motion, wrong=wrong: wrong)
     field = dj.FreeField(groups=["base"], incident=lambda t: np.zeros(3), surface=1.0)
     with pytest.raises(ValueError, match="Both motion and a FreeField are given"):

@@ -122,25 +122,25 @@ def test_what_cannot_be_deconvolved_is_an_error():
     column = dj.RockColumn(layers=[layer], half_space=ROCK)
     record = dj.synthetic_motion(duration=4.0)
     # |cos k*H + ...| grows by exp(xi k H): 10 near k H = ln(2 * 10) / 0.1 = 30, at 13 Hz.
-    with pytest.raises(RecordError, match=r"base would move more than 10 times .* below 1\d.\d Hz"):
+    with pytest.raises(RecordError, match=r"From 1\d.\d Hz the base would move more than 10 times"):
         column.deconvolved(record, kind="outcrop", highest_frequency=30.0)
     assert column.deconvolved(record, kind="outcrop", highest_frequency=10.0).peak.max() > 0.0
     with pytest.raises(RecordError, match=r"to 100 Hz \(half the sampling rate\)"):
         column.deconvolved(record, kind="outcrop", highest_frequency=101.0)
     with pytest.raises(ValueError, match="kind"):
         column.deconvolved(record, kind="base", highest_frequency=10.0)
-    with pytest.raises(ValueError, match="mass damping resists the absolute motion"):
+    with pytest.raises(ValueError, match="damping is .* it must be proportional to stiffness"):
         dj.RockColumn(
             layers=[layer],
             half_space=ROCK,
             damping=dj.mass_proportional(ratio=0.02, frequency=5.0),
         )
     massless = dj.Elastic(young=1e9, poisson=0.2, density=0.0)
-    with pytest.raises(ValueError, match="all layers and the half space must have mass"):
+    with pytest.raises(ValueError, match="density=0.0.*; it must be an Elastic with mass"):
         dj.RockColumn(layers=[layer], half_space=massless)
-    with pytest.raises(ValueError, match="half_space is 3.0; it must be an Elastic"):
+    with pytest.raises(ValueError, match="is 3.0; it must be an Elastic with mass"):
         dj.RockColumn(layers=[layer], half_space=3.0)
-    with pytest.raises(ValueError, match="frequency must be finite numbers"):
+    with pytest.raises(ValueError, match="it must be 0 or more"):
         column.transfer([-1.0])
     with pytest.raises(ValueError, match="thickness"):
         dj.RockLayer(thickness=0.0, material=SOIL)

@@ -160,7 +160,7 @@ class RockColumn:
     def transfer(
         self, frequency: ArrayLike, *, wave: Literal["S", "P"] = "S", kind: Kind = "outcrop"
     ) -> NDArray[np.complex128]:
-        """Return the motion of the base over that of the surface, shape (n,), equations (12ae).
+        """Return the motion of the base over that of the surface, shape (n,), equations (12ah).
 
         An ``"outcrop"`` moves twice as much as the rising wave, as the half space would without the
         layers. ``"within"`` is the motion of the base below the layers, the sum of the rising and

@@ -36,7 +36,7 @@ _SECONDS = {"": 1.0, "S": 1.0, "SEC": 1.0, "SECS": 1.0, "SECONDS": 1.0, "MS": 1e
 _UNIT_IS_G = re.compile(r"\bUNITS?\s+OF\s+G(?![\w/*^])", re.I)
 _AT2_STEM = re.compile(
     # The last two digits of NET.STATION.BHE.00 are the location of the sensor, not an azimuth. In
-    # EW1 and EW2 the digit tells the sensor in the borehole from the one at the surface. L and T
+    # EW1 and EW2 the digit separates the sensor in the borehole from that at the surface. L and T
     # (longitudinal, transverse) and the digits of BH1, BH2 name components of unknown azimuth.
     r"(.+?)(?:[-_.]?(UP|DWN|DOWN|VERT?|[NS]\d\d?[EW]|(?:NS|EW|UD)[12]?|\d{3})"
     r"|\.[A-Z]{2}([NEZ12])(?:\.\d\d)?"

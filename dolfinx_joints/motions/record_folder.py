@@ -65,9 +65,9 @@ def read_motions(source: str | Path, *, stream_azimuth_deg: float | None = None)
             row = {"motion": name}
             try:
                 for path in paths:
-                    found = read_components(path)
-                    rows[str(path)] = _facts(path, found)
-                    parts += found
+                    channels = read_components(path)
+                    rows[str(path)] = _facts(path, channels)
+                    parts += channels
                 if name in motions:
                     raise RecordError(f"Another folder has a motion with the name {name}")
                 motions[name] = motion_of(parts, name, stream_azimuth_deg)

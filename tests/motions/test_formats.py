@@ -498,10 +498,10 @@ def test_headers_of_itaca_until_2010(tmp_path: Path, way: str, azimuth: float | 
     text = text.replace("NETWORK: XX\n", "").replace(
         "DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS: 20000101_", "TIME_FIRST_SAMPLE_S: "
     )
-    (found,) = read_components(write(tmp_path, text))
-    assert (found.direction, found.record) == (azimuth, "ABC_20000101_102030")
+    (part,) = read_components(write(tmp_path, text))
+    assert (part.direction, part.record) == (azimuth, "ABC_20000101_102030")
     (today,) = read_components(write(tmp_path, esm()))
-    assert found.start == today.start
+    assert part.start == today.start
 
 
 def test_a_direction_that_the_file_does_not_know_can_be_given(tmp_path: Path) -> None:

@@ -15,17 +15,17 @@ from dolfinx_joints.study import write_csv
 
 
 def archive(path: Path) -> Path:
-    """A zip archive with the files of a folder, as downloads are."""
+    """Write a zip archive with the files of a folder, like a download."""
     made = path.with_suffix(".zip")
     with zipfile.ZipFile(made, "w") as file:
-        for each in sorted(path.rglob("*")):
-            file.write(each, each.relative_to(path.parent))
+        for inner in sorted(path.rglob("*")):
+            file.write(inner, inner.relative_to(path.parent))
     return made
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Two whole records, one in an archive, one with two components, one damaged, and notes."""
+    """Write whole, incomplete and damaged records, an archive and notes."""
     place = tmp_path / "records"
     (place / "inner").mkdir(parents=True)
     write_record(place, "RSN1_A")

@@ -236,7 +236,7 @@ def test_a_motion_that_does_not_converge_is_told_and_a_wrong_point_stops(
 
 
 def test_motions_are_waves_of_a_free_field(comm, wall_file, read, new_path, monkeypatch):
-    """Each run equals a single run under its free field, also after an interruption."""
+    """Runs equal single runs under the free field, also after an interruption."""
     model = wall(read(wall_file()), supports=[dj.ViscousBoundary(group="base")])
     given = dj.Simulation(model)
     given.statics()
@@ -249,9 +249,9 @@ def test_motions_are_waves_of_a_free_field(comm, wall_file, read, new_path, monk
     suite = MotionSuite(folder, given, chosen, points=POINTS, every=2)
     record = ResultsMonitor.record
 
-    def killing(monitor, each):
-        record(monitor, each)
-        if each.step == 5 and monitor._path.stem == "x0.3":
+    def killing(monitor, state):
+        record(monitor, state)
+        if state.step == 5 and monitor._path.stem == "x0.3":
             raise Killed
 
     with monkeypatch.context() as patch:
@@ -279,9 +279,9 @@ def test_motions_are_waves_of_a_free_field(comm, wall_file, read, new_path, monk
             assert not run.relative
             crest = displacement_peak(run, crest_points(run), "ground")
             absolute = displacement_peak(run, crest_points(run))
-        found = table["displacement [m]"][1]
-        assert found == pytest.approx(abs(crest.value))
-        assert found != pytest.approx(abs(absolute.value))
+        stored = table["displacement [m]"][1]
+        assert stored == pytest.approx(abs(crest.value))
+        assert stored != pytest.approx(abs(absolute.value))
 
     on_root(comm, look_at_table)
 

@@ -47,7 +47,7 @@ _CSMIP_LINES = {True: (3, 6, 27), False: (4, 7, 45)}
 _CSMIP_BLOCK = re.compile(
     r"\s*(\d+) (?:accelerogram points at\s+(?P<rate>[\d.]+) pts/sec in units of"
     r"|points of accel data equally spaced at\s+(?P<step>[\d.]+) sec[.,\s]*(?:in|\(units:))"
-    r"\s+(?P<unit>[\w/]+)(?:.*\((?P<per_line>\d+)F(?P<width>\d+)\.)?",
+    r"\s+(?P<unit>[\w/]+)(?:.*\((?P<per_line>[1-9]\d?)F(?P<width>[1-9]\d?)\.)?",
     re.I,
 )
 _CHANNEL = re.compile(r"\s*(?:chan\s*\d+:|component)\s*(\w+)", re.I)
@@ -183,7 +183,7 @@ def _csmip_record(text: RecordText) -> str:
     title = _CSMIP_TITLE.match(text.lines[0])
     uncorrected = bool(title and title[1])
     words = text.line(1 + _CSMIP_LINES[uncorrected][0], "the number of the record").split()
-    return record_named(*words[:1], "uncorrected" if uncorrected else "")
+    return record_named(*words[:1] or [text.path.stem], "uncorrected" if uncorrected else "")
 
 
 def _csmip_channels(text: RecordText) -> Iterator[Component]:
@@ -228,8 +228,8 @@ def _geonet_channels(text: RecordText) -> Iterator[Component]:
             text.fail(first, f"a channel must begin here, got {shown(text.lines[first - 1])}.")
         text.line(first + 26, "the first values")
         counts, reals = text.words(first + 19, 8)[3:6], text.words(first + 22, 8)
-        if len(counts) < 3 or len(reals) < 6:
-            text.fail(first + 19, "the numbers of values or the time step are missing.")
+        if len(counts) < 3 or len(reals) < 6 or "-" in "".join(counts[1:]):
+            text.fail(first + 19, "numbers of values or the time step are missing or negative.")
         count = text.count(first + 19, counts[0])
         # Accelerations, velocities and displacements, ten in a line.
         lines = [-(-int(text.number(first + 19, word)) // 10) for word in counts]

@@ -135,6 +135,7 @@ def test_channels_have_the_peaks_steps_and_directions_of_their_headers(
         (csmip(2).replace(" 37 points of accel", " 39 points of accel"), "but line 46 states 39"),
         (geonet(2, count="47"), "line 30: 7 values; the lines before have 10"),
         (geonet(1, count="-7"), "line 20: the number of values must be an integer of 2 or more"),
+        (geonet(2).replace("37      37      37", "37     -37      37"), "missing or negative"),
         (geonet(1)[:900], "must have the first values"),
         (geonet(1) + "rest", "line 91: a channel must begin here, got 'rest'"),
         (afad(count="38"), "line 47: 37 rows, but the header states 38"),

@@ -44,6 +44,8 @@ from .loads.body_and_face_loads import FormLoad as FormLoad
 from .loads.body_and_face_loads import Gravity as Gravity
 from .loads.body_and_face_loads import Pressure as Pressure
 from .loads.body_and_face_loads import Traction as Traction
+from .loads.column import RockColumn as RockColumn
+from .loads.column import RockLayer as RockLayer
 from .loads.free_field import FreeField as FreeField
 from .loads.free_field import incident_wave as incident_wave
 from .loads.ground_motion import BaseMotion as BaseMotion
@@ -100,6 +102,7 @@ from .motions.differing import Passage as Passage
 from .motions.motion import Motion as Motion
 from .motions.motion import synthetic_motion as synthetic_motion
 from .motions.reading import read_record as read_record
+from .motions.record_folder import read_motions as read_motions
 from .postprocessing import measures as measures
 from .postprocessing import motion_plots as motion_plots
 from .postprocessing import plots as plots

@@ -1,21 +1,37 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Vertically propagating waves in horizontal layers, with reflections at each interface."""
+"""Vertically propagating waves in horizontal layers, in time and in frequency (deconvolution)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, Literal
 
+import annotated_types as at
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.body.damping import Ratio, Rayleigh
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.loads.wave_levels import cubic
+from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.mesh.cells import Floats
+from dolfinx_joints.motions.motion import Hertz, Motion
+from dolfinx_joints.motions.processing import fall
 
 # Least number of samples per travel time of a layer: cubic interpolation reads two samples ahead.
 FEWEST = 3
 
 # Number of zero samples before time zero, for cubic interpolation at time zero.
 BEFORE = 4
+
+# Largest motion of the base over that of the surface: noise of 1 % of the peak stays below 10 %.
+LARGEST_AMPLIFICATION = 10.0
+
+Kind = Literal["outcrop", "within"]
 
 
 class Column:
@@ -98,3 +114,121 @@ class Column:
         neighbours = np.arange(-1, 3)
         weights = cubic((position - i)[:, None] - neighbours)
         return np.asarray(np.sum(samples[i[:, None] + BEFORE + neighbours] * weights, axis=1))
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
+class RockLayer:
+    """Horizontal layer of rock or soil.
+
+    Attributes:
+        thickness: Thickness of the layer.
+        material: `Elastic` material with mass.
+        damping_ratio: Damping ratio, equal at all frequencies (hysteretic).
+    """
+
+    thickness: Annotated[float, at.Gt(0), at.Unit("m")]
+    material: Elastic
+    damping_ratio: Ratio = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
+class RockColumn:
+    """Layers of rock over an undamped half space, in which S and P waves travel vertically.
+
+    Attributes:
+        layers: Layers from the surface down.
+        half_space: `Elastic` material below the layers.
+        damping: Damping of the model (`stiffness_proportional`), in addition to that of layers.
+    """
+
+    layers: Annotated[Sequence[RockLayer], at.MinLen(1)]
+    half_space: Elastic
+    damping: Rayleigh = field(default_factory=Rayleigh)
+
+    def __post_init__(self) -> None:
+        good = all(isinstance(layer, RockLayer) for layer in self.layers)
+        check_kind_of("layers", self.layers, good, "a list of RockLayer")
+        for rock in (*(layer.material for layer in self.layers), self.half_space):
+            good = isinstance(rock, Elastic) and rock.density > 0.0
+            check_kind_of("A material of RockColumn", rock, good, "an Elastic with mass")
+        good = isinstance(self.damping, Rayleigh) and not self.damping.mass_factor
+        check_kind_of("damping", self.damping, good, "proportional to stiffness")
+
+    @checked
+    def transfer(
+        self, frequency: ArrayLike, *, wave: Literal["S", "P"] = "S", kind: Kind = "outcrop"
+    ) -> NDArray[np.complex128]:
+        """Return the motion of the base over that of the surface, shape (n,), equations (12ah).
+
+        An ``"outcrop"`` moves twice as much as the rising wave, as the half space would without the
+        layers. ``"within"`` is the motion of the base below the layers, the sum of the rising and
+        the falling wave. Frequencies have shape (n,), [Hz].
+        """
+        omega = 2.0 * np.pi * np.asarray(frequency, dtype=np.float64)
+        check_kind_of("frequency", frequency, bool((omega >= 0.0).all()), "0 or more")
+        viscous = self.damping.stiffness_factor * omega
+        losses: list[Any] = [1.0 + 1.0j * (2.0 * la.damping_ratio + viscous) for la in self.layers]
+        rocks = [*(layer.material for layer in self.layers), self.half_space]
+        impedances = []
+        for rock, loss in zip(rocks, [*losses, 1.0], strict=True):
+            pressure = rock.first_lame("strain") + 2.0 * rock.shear_modulus
+            modulus = pressure if wave == "P" else rock.shear_modulus
+            impedances.append(np.sqrt(rock.density * modulus * loss))
+        rising: Any = np.full(omega.shape, 0.5 + 0.0j)
+        falling = rising
+        for layer, own, below in zip(self.layers, impedances, impedances[1:], strict=False):
+            phase = 1.0j * omega * layer.thickness * layer.material.density / own  # rho / Z = 1 / c
+            up, down, ratio = rising * np.exp(phase), falling * np.exp(-phase), own / below
+            rising = 0.5 * ((1.0 + ratio) * up + (1.0 - ratio) * down)
+            falling = 0.5 * ((1.0 - ratio) * up + (1.0 + ratio) * down)
+        return np.asarray(2.0 * rising if kind == "outcrop" else rising + falling)
+
+    @checked
+    def deconvolved(self, surface: Motion, *, kind: Kind, highest_frequency: Hertz) -> Motion:
+        """Return the motion of the base, the top of the half space, from that of the surface.
+
+        x and y are S waves, z is a P wave. Frequencies above ``highest_frequency`` are removed, by
+        half a cosine from 80 % of it. Waves leave the base before they reach the surface and come
+        back later: the result is longer than the record, by equal times at both ends.
+
+        Args:
+            surface: Acceleration of the free surface [m/s^2]; taper it first.
+            kind: ``"outcrop"`` for `incident_wave`, ``"within"`` to move the base; see `transfer`.
+            highest_frequency: Highest frequency that is kept.
+
+        Raises:
+            RecordError: The highest frequency is outside the band of the record, or the base moves
+                more than LARGEST_AMPLIFICATION times as much as the surface, so that noise grows.
+        """
+        from scipy.fft import next_fast_len
+
+        check_kind_of("surface", surface, isinstance(surface, Motion), "a Motion")
+        dt, lowest = surface.dt, 1.0 / surface.duration
+        if not lowest <= highest_frequency <= 0.5 / dt:
+            band = f"{lowest:.4g} Hz (1/duration) to {0.5 / dt:.6g} Hz (half the sampling rate)"
+            raise RecordError(f"highest_frequency must be {band}, got {highest_frequency:g} Hz.")
+        rocks = [(layer.thickness, layer.material) for layer in self.layers]
+        travel = sum(h * np.sqrt(rock.density / rock.shear_modulus) for h, rock in rocks)
+        # The low-pass ripples for about ten of its periods.
+        pad = int(np.ceil((travel + 10.0 / highest_frequency) / dt))
+        padded = np.pad(surface.acceleration, ((pad, pad), (0, 0)))
+        period = next_fast_len(2 * len(padded), real=True)
+        frequency = np.fft.rfftfreq(period, dt)
+        kept = frequency <= highest_frequency
+        spectrum = np.fft.rfft(padded, n=period, axis=0)
+        spectrum *= fall(frequency, 0.8 * highest_frequency, highest_frequency)[:, None]
+        for axis in range(3):
+            transfer = self.transfer(frequency[kept], wave="P" if axis == 2 else "S", kind=kind)
+            large = np.abs(transfer) > LARGEST_AMPLIFICATION
+            if large.any():
+                limit = frequency[np.argmax(large)]
+                factor = f"{LARGEST_AMPLIFICATION:g} times as much as the surface"
+                raise RecordError(
+                    f"From {limit:.3g} Hz the base would move more than {factor} along "
+                    f"{'xyz'[axis]}: use highest_frequency below {limit:.3g} Hz, or less damping."
+                )
+            spectrum[kept, axis] *= transfer
+        values = np.fft.irfft(spectrum, n=period, axis=0)[: len(padded)]
+        return replace(surface, acceleration=values, name=f"{surface.name}, {kind} of the base")

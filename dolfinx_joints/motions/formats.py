@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""File formats with one component per file: PEER AT2, ESM/ITACA, K-NET, SMC; table of all formats.
+"""File formats with one component per file: AT2, ESM/ITACA, K-NET, SMC, AFAD; all formats.
 
 Each format is recognised by its first lines and read according to its published description. Values
 are not corrected; K-NET records, for example, have an offset.
@@ -8,16 +8,16 @@ are not corrected; K-NET records, for example, have an offset.
 
 import re
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.motions.cosmos import COSMOS
+from dolfinx_joints.motions.columns import read_columns
 from dolfinx_joints.motions.record_text import (
     Component,
     Direction,
     Format,
     RecordText,
+    Source,
     component,
     direction_named,
     other_quantity,
@@ -26,6 +26,7 @@ from dolfinx_joints.motions.record_text import (
     start_time,
     unit_named,
 )
+from dolfinx_joints.motions.recorders import RECORDERS
 
 _COUNT_AND_STEP = (
     re.compile(r"\bNPTS\s*=\s*(\d+)\s*,\s*DT\s*=\s*([\d.]+(?:E[+-]?\d+)?)\s*([A-Z]*)", re.I),
@@ -34,9 +35,12 @@ _COUNT_AND_STEP = (
 _SECONDS = {"": 1.0, "S": 1.0, "SEC": 1.0, "SECS": 1.0, "SECONDS": 1.0, "MS": 1e-3, "MSEC": 1e-3}
 _UNIT_IS_G = re.compile(r"\bUNITS?\s+OF\s+G(?![\w/*^])", re.I)
 _AT2_STEM = re.compile(
-    # The last two digits of NET.STATION.BHE.00 are the location of the sensor, not an azimuth.
-    r"(.+?)(?:[-_.]?(UP|DWN|DOWN|VERT?|\d{3})|\.[A-Z]{2}([NEZ])(?:\.\d\d)?"
-    r"|[-_.](V|NS|EW|[NESW]|(?<!\.[A-Z]{2}\d\.)\d{1,2}))",
+    # The last two digits of NET.STATION.BHE.00 are the location of the sensor, not an azimuth. In
+    # EW1 and EW2 the digit separates the sensor in the borehole from that at the surface. L and T
+    # (longitudinal, transverse) and the digits of BH1, BH2 name components of unknown azimuth.
+    r"(.+?)(?:[-_.]?(UP|DWN|DOWN|VERT?|[NS]\d\d?[EW]|(?:NS|EW|UD)[12]?|\d{3})"
+    r"|\.[A-Z]{2}([NEZ12])(?:\.\d\d)?"
+    r"|(?:[-_.]|(?<=\d))(V|[NESW])|[-_.](?:([LTVH])\d?|((?<!\.[A-Z]{2}\d\.)\d{1,2})))",
     re.I,
 )
 _ESM_KEY = re.compile(r"([A-Z][A-Z0-9_/^]*):(.*)")
@@ -50,6 +54,13 @@ _KNET_START = re.compile(
     r"(?P<hour>\d\d?):(?P<minute>\d\d):(?P<second>\d\d(?:\.\d*)?)$"
 )
 _ESM_DIRECTIONS: dict[str, Direction] = {"N": 0.0, "E": 90.0, "Z": "up"}
+_ESM_DIRECTIONS |= {"NS": 0.0, "WE": 90.0, "EW": 90.0, "UP": "up"}  # ITACA until 2010
+_AFAD = "STRONG GROUND MOTION RECORDS OF TURK"
+_AFAD_HEADER = re.compile(
+    r".*^NUMBER OF DATA\s*: (\d{1,9})$.*^SAMPLING INTERVAL\s*\(sec\)\s*: (\S+)$"
+    r".*^RAW PGA VALUES\s*\((\S+)\).*^(\s*N-S\s.*?)$",
+    re.M | re.S,
+)
 _KNET_DIRECTIONS: dict[str, Direction] = {
     **dict.fromkeys(("N-S", "1", "4"), 0.0),
     **dict.fromkeys(("E-W", "2", "5"), 90.0),
@@ -62,23 +73,21 @@ def _at2_matches(text: RecordText) -> bool:
     return "NPTS" in head or "UNITS OF G" in head or head.startswith("PEER ")
 
 
-def _at2_parts(path: Path) -> tuple[str, Direction | None]:
-    """Return the name of the record and the direction of the component from the file name."""
+def at2_parts(path: Source) -> tuple[str | None, Direction | None]:
+    """Return the record, None without a component in the name of the file, and the direction."""
     match = _AT2_STEM.fullmatch(path.stem)
-    direction = None if match is None else direction_named(match[2] or match[3] or match[4])
-    return (path.stem, None) if match is None or direction is None else (match[1], direction)
-
-
-def at2_record(path: Path) -> str | None:
-    """Return the name of the record of an AT2 file, or None if its name has no component."""
-    record, direction = _at2_parts(path)
-    return None if direction is None else record
+    if match is None:
+        return None, None
+    word = next(filter(None, match.groups()[1:]))
+    below = "_underground" if re.fullmatch("(NS|EW|UD)1", word, re.I) else ""
+    bare = word if len(word) > 1 and word[0].isdigit() else word.rstrip("12")
+    return match[1] + below, direction_named(bare)  # None for BH1 and BH2
 
 
 def _at2_record(text: RecordText) -> str | None:
     """Return the name of the record; None for files of velocities (VT2) and displacements (DT2)."""
     kind = text.lines[2] if len(text.lines) > 2 else ""
-    return None if other_quantity(kind) else at2_record(text.path)
+    return None if other_quantity(kind) else at2_parts(text.path)[0]
 
 
 def _read_at2(text: RecordText) -> list[Component]:
@@ -93,7 +102,7 @@ def _read_at2(text: RecordText) -> list[Component]:
     count, dt = text.count(4, match[1]), text.positive(4, match[2], "the time step")
     if match[3].upper() not in _SECONDS:
         text.fail(4, f"the unit of DT must be SEC or MSEC, got {shown(match[3])}.")
-    record, suggested = _at2_parts(text.path)
+    record, suggested = at2_parts(text.path)
     return [
         component(
             text,
@@ -102,7 +111,7 @@ def _read_at2(text: RecordText) -> list[Component]:
             unit="g",
             stated=direction_named(text.lines[1].rpartition(",")[2]),
             suggested=suggested,
-            record=record,
+            record=record or text.path.stem,
         )
     ]
 
@@ -124,35 +133,40 @@ def _esm_matches(text: RecordText) -> bool:
 
 def _esm_record(text: RecordText) -> str | None:
     keys = _keys(text)
-    if keys.get("DATA_TYPE", (0, ""))[1] != "ACCELERATION":
+    if not keys.get("DATA_TYPE", (0, ""))[1].endswith("ACCELERATION"):
         return None
     network, station, day, time = (
         keys.get(key, (0, ""))[1]
         for key in ("NETWORK", "STATION_CODE", "EVENT_DATE_YYYYMMDD", "EVENT_TIME_HHMMSS")
     )
-    return record_named(f"{network}.{station}", day, time)
+    return record_named(f"{network}.{station}".strip("."), day, time)
 
 
 def _read_esm(text: RecordText) -> list[Component]:
     keys = _keys(text)
-    for key in ("SAMPLING_INTERVAL_S", "NDATA", "UNITS", "DATA_TYPE", "STREAM"):
+    stream = "COMPONENT" if "COMPONENT" in keys else "STREAM"  # the former in ITACA until 2010
+    for key in ("SAMPLING_INTERVAL_S", "NDATA", "UNITS", "DATA_TYPE", stream):
         if key not in keys:
             raise RecordError(f"{text.path}: the header of an ESM file must have the key {key}.")
     number, kind = keys["DATA_TYPE"]
-    if kind != "ACCELERATION":
+    if not kind.endswith("ACCELERATION"):  # also PROCESSED and UNPROCESSED
         text.fail(number, f"DATA_TYPE must be ACCELERATION, got {shown(kind)}.")
     dt = text.positive(*keys["SAMPLING_INTERVAL_S"], "SAMPLING_INTERVAL_S")
     count = text.count(*keys["NDATA"], "NDATA")
     number, unit = keys["UNITS"]
     unit = unit_named(unit, f"{text.path}, line {number}")
     number, first = keys.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", (0, ""))
+    if "TIME_FIRST_SAMPLE_S" in keys:  # ITACA until 2010
+        number, first = keys["TIME_FIRST_SAMPLE_S"]
+        first = first and f"{keys.get('EVENT_DATE_YYYYMMDD', (0, ''))[1]}_{first}"
+    way = keys[stream][1]
     return [
         component(
             text,
             text.values(len(keys) + 1, count, keys["NDATA"][0]),
             dt=dt,
             unit=unit,
-            stated=_ESM_DIRECTIONS.get(keys["STREAM"][1][-1:]),
+            stated=_ESM_DIRECTIONS.get(way, _ESM_DIRECTIONS.get(way[-1:])),
             record=_esm_record(text) or text.path.stem,
             start=start_time(text, number, _ESM_START, first) if first else None,
         )
@@ -256,11 +270,26 @@ def _read_smc(text: RecordText) -> list[Component]:
     ]
 
 
+def _read_afad(text: RecordText) -> list[Component]:
+    header = _AFAD_HEADER.match("\n".join(text.lines[:25]))
+    if header is None:
+        needed = "NUMBER OF DATA, SAMPLING INTERVAL (sec), RAW PGA VALUES (gal) and N-S E-W U-D"
+        text.fail(1, f"the header of an AFAD file must have {needed}, in this order.")
+    count, step, unit, names = header.groups()
+    number = header[0].count("\n") + 1
+    text.lines[:number] = ["#"] * number  # a file in plain columns is left
+    parts = read_columns(text, unit, text.positive(number, step, "the step"), names.split())
+    if (rows := len(parts[0].acceleration)) != int(count):
+        text.fail(len(text.lines), f"{rows} rows, but the header states {count}.")
+    return parts
+
+
 # The first format that matches is used. AT2 is last, because only words in its header identify it.
 FORMATS = (
     Format("K-NET", _knet_matches, _knet_record, _read_knet),
-    COSMOS,
+    *RECORDERS,
     Format("SMC", _smc_matches, _smc_record, _read_smc),
     Format("ESM/ITACA", _esm_matches, _esm_record, _read_esm),
+    Format("AFAD", lambda text: _AFAD in text.lines[0], lambda text: text.path.stem, _read_afad),
     Format("PEER AT2", _at2_matches, _at2_record, _read_at2),
 )

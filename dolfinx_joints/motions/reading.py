@@ -19,9 +19,16 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, RecordError, warn
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.motions.columns import is_columns, read_columns, states_unit
-from dolfinx_joints.motions.formats import FORMATS, at2_record
+from dolfinx_joints.motions.formats import FORMATS, at2_parts
 from dolfinx_joints.motions.motion import Motion, Seconds
-from dolfinx_joints.motions.record_text import Component, RecordText, direction_named, unit_named
+from dolfinx_joints.motions.record_text import (
+    Component,
+    Format,
+    RecordText,
+    Source,
+    direction_named,
+    unit_named,
+)
 
 WEAK_G, STRONG_G = 0.02, 5.0
 """Plausible peaks in units of g: up to 0.028 g shaking is light (intensity IV, Worden et al., Bull.
@@ -37,7 +44,7 @@ _ALIGNMENT = 0.25  # allowed offset of sample times of components, in steps; hea
 
 @checked
 def read_components(
-    path: str | Path,
+    path: str | Source,
     *,
     unit: str | None = None,
     dt: Seconds | None = None,
@@ -46,15 +53,15 @@ def read_components(
     """Read the components in one file of any supported format.
 
     Args:
-        path: file in the format PEER AT2, ESM/ITACA, K-NET or KiK-net, COSMOS V1 or V2, SMC
-            (corrected), or in plain columns.
+        path: file in the format PEER AT2, ESM/ITACA, K-NET or KiK-net, COSMOS V1 or V2, CSMIP V1
+            or V2, GeoNet, AFAD, SMC (corrected), or in plain columns.
         unit: unit of plain columns that do not state it; must agree with a unit in the file.
         dt: time between rows of plain columns [s], if the file has no time column.
         columns: ``"time"``, directions or ``"skip"``, if the file does not name its columns;
             ``"wrapped"`` for one component that continues from line to line.
     """
     text = RecordText(path)
-    file_format = next((candidate for candidate in FORMATS if candidate.matches(text)), None)
+    file_format = format_of(text)
     if file_format is None and is_columns(text):
         return read_columns(text, unit, dt, columns)
     if file_format is None:
@@ -69,7 +76,7 @@ def read_components(
         raise RecordError(
             f"{text.path} has the format {file_format.name}; columns= is for plain columns only."
         )
-    components = file_format.read(text)
+    components = list(file_format.read(text))
     for part in components:
         if unit is not None and unit_named(unit, "unit") != part.unit:
             raise RecordError(f"{path} is in {part.unit}, but unit={shown(unit)} was given.")
@@ -89,11 +96,12 @@ def read_record(
     directions: Sequence[str | float] | None = None,
     stream_azimuth_deg: float | None = None,
 ) -> Motion:
-    """Read the three components of one record.
+    """Read the components of one record.
 
     Of the horizontal components, y is 90 degrees to the left of x, seen from above: azimuths 0 and
     270, or east and north. The sign of a downward component is changed. If ``stream_azimuth_deg``
-    is given, the horizontal axes are rotated so that x points downstream.
+    is given, the horizontal axes are rotated so that x points downstream. Without a vertical
+    component z is zero, and a warning is given.
 
     Components are cut to their common time interval. The time of the first sample is read from the
     header (ESM, K-NET, COSMOS, SMC) or the time column; without it, components start together. An
@@ -103,7 +111,7 @@ def read_record(
     Args:
         source: a directory, one file, or several files. Files of a directory are grouped to records
             by their headers; AT2 files by names that end in a component (``-UP``, ``DWN``,
-            ``000``). Subdirectories and plain columns without a unit are skipped.
+            ``000``, ``EW2``). Subdirectories and plain columns without a unit are skipped.
         name: name of the record, or a unique part of the name; needed if there are several records.
         unit: unit of plain columns, see :func:`read_components`.
         dt: time step of plain columns [s].
@@ -130,8 +138,15 @@ def read_record(
     title = title or parts[0].record
     if directions is not None:
         parts = _set_directions(parts, directions)
+    motion = motion_of(parts, title, stream_azimuth_deg)
+    for remark in remarks_on(motion, parts):
+        warn(f"The record {shown(motion.name)}: {remark}.", PlausibilityWarning)
+    return motion
+
+
+def motion_of(parts: list[Component], title: str, stream_azimuth_deg: float | None) -> Motion:
+    """Return the motion of the components of a record, see `read_record`."""
     motion, azimuth = _assemble_motion(parts, title)
-    _warn_if_implausible(motion, parts)
     if azimuth is None and stream_azimuth_deg is not None:
         raise RecordError("stream_azimuth_deg is not allowed for components along x and y.")
     if azimuth is None or stream_azimuth_deg is None:
@@ -141,65 +156,75 @@ def read_record(
 
 def record_names(directory: str | Path) -> list[str]:
     """Return the names of the records in a directory, without its subdirectories."""
-    return list(_records_in(Path(directory), False)[0])
+    return list(records_in(sorted_in(Path(directory)), False)[0])
+
+
+def format_of(text: RecordText) -> Format | None:
+    """Return the format of a file, None for plain columns and unknown formats."""
+    return next((candidate for candidate in FORMATS if candidate.matches(text)), None)
 
 
 def _files(
     source: str | Path | Iterable[str | Path], name: str | None, any_columns: bool
-) -> tuple[list[Path], str]:
+) -> tuple[list[Source], str]:
     """Return the files to read and the name of their record, empty for given files."""
     if not isinstance(source, str | Path):
-        files = [Path(path) for path in source]
+        files: list[Source] = [Path(path) for path in source]
         if not files:
             raise RecordError("At least one file is needed, got none.")
         return files, ""
     path = Path(source)
     if os.path.isfile(path):
         return [path], ""
-    records, left_out = _records_in(path, any_columns)
+    records, refused = records_in(sorted_in(path), any_columns)
     chosen = [stem for stem in records if name is None or name.lower() in stem.lower()]
     chosen = [stem for stem in chosen if stem == name] or chosen
     if not chosen:
         names = ", ".join(records) or "none"
         condition = "" if name is None else f" with {name!r} in its name"
-        skipped = f"; skipped files: {', '.join(left_out[:5])}" if left_out else ""
+        left_out = [f"{file.name} ({reason})" for file, reason in list(refused.items())[:5]]
+        skipped = f"; skipped files: {', '.join(left_out)}" if left_out else ""
         raise RecordError(f"{path} has no record{condition}; its records: {names}{skipped}.")
     if len(chosen) > 1:
         raise RecordError(f"{path} has several records; choose by name=: {', '.join(chosen)}.")
     return records[chosen[0]], chosen[0]
 
 
-def _records_in(directory: Path, any_columns: bool) -> tuple[dict[str, list[Path]], list[str]]:
-    """Return the files of each record, and the names of skipped files with the reasons."""
+def sorted_in(folder: Source) -> list[Source]:
+    """Return the content of a folder, sorted by name."""
     try:
-        paths = sorted(directory.iterdir())
+        return sorted(folder.iterdir(), key=lambda path: path.name)
     except OSError as error:
-        raise RecordError(
-            f"The file or directory {directory} cannot be read: {error.strerror}."
-        ) from None
-    records: dict[str, list[Path]] = {}
-    left_out = []
+        text = f"The file or directory {folder} cannot be read: {error.strerror}."
+        raise RecordError(text) from None
+
+
+def records_in(
+    paths: Iterable[Source], any_columns: bool
+) -> tuple[dict[str, list[Source]], dict[Source, str]]:
+    """Return the files of each record, and the reasons why other files belong to no record."""
+    records: dict[str, list[Source]] = {}
+    refused = {}
     for path in (path for path in paths if path.is_file()):
         try:
             records.setdefault(_record_of(path, any_columns), []).append(path)
         except RecordError as error:
-            reason = str(error).removeprefix(str(path)).strip(" ,:.")
-            left_out.append(f"{path.name} ({reason})")
-    return records, left_out
+            refused[path] = str(error).removeprefix(str(path)).strip(" ,:.")
+    return records, refused
 
 
-def _record_of(path: Path, any_columns: bool) -> str:
+def _record_of(path: Source, any_columns: bool) -> str:
     """Return the record name of a file from its first lines; raise RecordError without a name."""
     try:
         text = RecordText(path, head=_HEAD)
-        file_format = next((candidate for candidate in FORMATS if candidate.matches(text)), None)
+        file_format = format_of(text)
         columns = file_format is None and is_columns(text) and (any_columns or states_unit(text))
         record = path.stem if columns else None if file_format is None else file_format.record(text)
         if record is None:
             raise RecordError("no accelerations, no unit, or no component in the file name")
         return record
     except RecordError:  # assign a damaged AT2 file by its name, so that reading it raises an error
-        if path.suffix.upper() == ".AT2" and (record := at2_record(path)) is not None:
+        if path.suffix.upper() == ".AT2" and (record := at2_parts(path)[0]) is not None:
             return record
         raise
 
@@ -226,17 +251,18 @@ def _set_directions(parts: list[Component], directions: Sequence[str | float]) -
     return directed
 
 
-def _warn_if_implausible(motion: Motion, parts: list[Component]) -> None:
-    """Warn of a peak or a time step that is implausible for an accelerogram."""
-    peak, reasons = float(motion.peak.max()) / STANDARD_GRAVITY, []
+def remarks_on(motion: Motion, parts: list[Component]) -> list[str]:
+    """Return what is unusual about a record: peak, time step, or no vertical component."""
+    peak, remarks = float(motion.peak.max()) / STANDARD_GRAVITY, []
     if not WEAK_G <= peak <= STRONG_G:
         units = ", ".join(dict.fromkeys(part.unit for part in parts))
-        reasons.append(f"its peak is {peak:.3g} g, read in {units}, not {WEAK_G} to {STRONG_G} g")
+        expected = f"not {WEAK_G} to {STRONG_G} g; check the unit"
+        remarks.append(f"its peak is {peak:.3g} g, read in {units}, {expected}")
     if motion.dt > LONGEST_STEP:
-        reasons.append(f"its time step is {motion.dt:g} s, more than {LONGEST_STEP} s")
-    if reasons:
-        text = f"Check the units of the record {shown(motion.name)}: {'; '.join(reasons)}."
-        warn(text, PlausibilityWarning)
+        remarks.append(f"its time step is {motion.dt:g} s, more than {LONGEST_STEP} s")
+    if len(parts) == 2:
+        remarks.append("it has no vertical component; z is zero")
+    return remarks
 
 
 def _assemble_motion(parts: list[Component], title: str) -> tuple[Motion, float | None]:
@@ -246,7 +272,7 @@ def _assemble_motion(parts: list[Component], title: str) -> tuple[Motion, float 
             raise RecordError(
                 f"{part.path}, line 2: component and file name disagree; correct one."
             )
-    contents = ", ".join(f"{part.path.name} (direction {part.direction})" for part in parts)
+    contents = ", ".join(f"{part.path.name} ({direction_text(part)})" for part in parts)
     vertical = [part for part in parts if part.direction in ("up", "down")]
     flat = [(part, part.direction) for part in parts if isinstance(part.direction, float)]
     pairs: list[tuple[Component, Component, float | None]] = [
@@ -258,16 +284,24 @@ def _assemble_motion(parts: list[Component], title: str) -> tuple[Motion, float 
     pairs += [
         (a, b, None) for a in parts for b in parts if (a.direction, b.direction) == ("x", "y")
     ]
-    if len(parts) != 3 or len(vertical) != 1 or len(pairs) != 1:
+    if len(parts) - len(vertical) != 2 or len(vertical) > 1 or len(pairs) != 1:
         raise RecordError(
-            "A record must have one vertical and two horizontal components at right angles, but "
+            "A record must have two horizontal components at right angles, but "
             f"{shown(title)} has {contents}; give directions= if the files do not state them."
         )
     ((x, y, azimuth),) = pairs
-    columns = _common_interval((x, y, vertical[0]), title)
-    if vertical[0].direction == "down":
+    columns = _common_interval((x, y, *vertical), title)
+    if not vertical:
+        columns = np.column_stack([columns, np.zeros(len(columns))])
+    elif vertical[0].direction == "down":
         columns[:, 2] *= -1.0
     return Motion(acceleration=columns, dt=x.dt, name=title), azimuth
+
+
+def direction_text(part: Component) -> str:
+    """Return the direction of a component as text."""
+    direction = part.direction
+    return f"{direction:g}°" if isinstance(direction, float) else direction or "unknown direction"
 
 
 def _common_interval(parts: Sequence[Component], title: str) -> Floats:
@@ -311,7 +345,7 @@ def _starts(parts: Sequence[Component]) -> str:
     """Return the start of each component relative to the earliest one, for messages."""
     first = min(part.start for part in parts if part.start is not None)
     return ", ".join(
-        f"{part.path.name} (direction {part.direction}) starts at "
+        f"{part.path.name} ({direction_text(part)}) starts at "
         + ("an unknown time" if part.start is None else f"{part.start - first:.4g} s")
         for part in parts
     )

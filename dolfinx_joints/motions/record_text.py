@@ -7,7 +7,9 @@ Every message names the file, the line, its content and the expected content.
 
 import math
 import re
-from collections.abc import Callable, Iterator
+import zipfile
+import zlib
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -33,6 +35,9 @@ UNITS |= {"g": STANDARD_GRAVITY, "mg": 0.001 * STANDARD_GRAVITY}
 Direction = float | Literal["up", "down", "x", "y"]
 """Azimuth clockwise from north in [0, 360) degrees, up, down, or an axis of the dam."""
 
+Source = Path | zipfile.Path
+"""A file or folder, on disk or in a zip archive."""
+
 _OTHER_QUANTITY = re.compile(
     r"^\W*(?:\w+\s*[:=]\s*)?(?:ground\s+)?(?:velocity|displacement)\s*(?:$|[\[(,;])"
     r"|\b(?:velocity|displ(?:acement)?)\s+(?:time\W*)?(?:series|history|record)",
@@ -46,6 +51,7 @@ _UNIT = re.compile(
 )
 _OTHER_UNIT = re.compile(r"[cm]?m(\s*/\s*s(ec(ond)?)?)?", re.I)
 _OF_PLACES = re.compile(r"\b(elev|alti|depth|dist|heig|hypo|epi|coord|vs[_ ]?\d)", re.I)
+_BEARING = re.compile(r"([NS])(\d{1,2}(?:\.\d*)?)([EW])")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?", re.I)
 _FORTRAN = re.compile(r"(?<=[\d.])D(?=[+-]?\d)", re.I)  # exponent of double precision
 _NAMES: dict[str, Direction] = {
@@ -68,7 +74,7 @@ class Component:
         dt: time between samples [s].
         unit: name of the unit in the file.
         record: name of the record.
-        path: the file.
+        path: the file, possibly in a zip archive.
         stated: direction of positive values according to the content of the file, or None.
         suggested: direction according to the name of the file, or None.
         start: time of the first sample [s], since 1970 or from the time column, or None.
@@ -78,7 +84,7 @@ class Component:
     dt: float
     unit: str
     record: str
-    path: Path
+    path: Source
     stated: Direction | None = None
     suggested: Direction | None = None
     start: float | None = None
@@ -100,13 +106,14 @@ class Samples(NamedTuple):
 class RecordText:
     """Lines of a text file, or of its first ``head`` bytes if given."""
 
-    def __init__(self, path: str | Path, *, head: int = -1) -> None:
-        self.path = Path(path)
+    def __init__(self, path: str | Source, *, head: int = -1) -> None:
+        self.path: Source = Path(path) if isinstance(path, str) else path
         try:
             with self.path.open("rb") as file:
                 data = file.read(head)
-        except OSError as error:
-            raise RecordError(f"{self.path} cannot be read: {error.strerror}.") from error
+        except (OSError, zipfile.BadZipFile, zlib.error, RuntimeError) as error:  # or encrypted
+            reason = getattr(error, "strerror", None) or error
+            raise RecordError(f"{self.path} cannot be read: {reason}.") from error
         if not data.strip():
             raise RecordError(f"{self.path} is empty.")
         wide = data.startswith((b"\xff\xfe", b"\xfe\xff"))
@@ -210,7 +217,7 @@ class Format(NamedTuple):
     name: str
     matches: Callable[[RecordText], bool]
     record: Callable[[RecordText], str | None]
-    read: Callable[[RecordText], list[Component]]
+    read: Callable[[RecordText], Iterable[Component]]
 
 
 def unit_named(text: str, where: str) -> str:
@@ -227,8 +234,11 @@ def unit_named(text: str, where: str) -> str:
 
 
 def direction_named(text: str) -> Direction | None:
-    """Return the direction for a name such as ``N``, ``E-W``, ``UP``, ``DWN``, ``270``, or None."""
+    """Return the direction of a name such as ``N``, ``E-W``, ``N55W``, ``UP``, ``270``; or None."""
     plain = text.strip().upper()
+    if bearing := _BEARING.fullmatch(plain):
+        sign = 1.0 if bearing[1] + bearing[3] in ("NE", "SW") else -1.0
+        return (180.0 * (bearing[1] == "S") + sign * float(bearing[2])) % 360.0
     if re.fullmatch(r"\d{1,3}(\.\d*)?", plain) and float(plain) <= 360.0:
         return float(plain) % 360.0
     return _NAMES.get(plain.replace("-", ""))

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -27,9 +27,11 @@ from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_kind_of, check_named
 from dolfinx_joints.common.summary import Rows, Summarised, names
 from dolfinx_joints.loads.ground_motion import MOVING
+from dolfinx_joints.loads.oblique_field import rising_waves
 from dolfinx_joints.monitors.results_monitor import ResultsMonitor
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.spectra import arias_intensity, response_spectrum
+from dolfinx_joints.postprocessing.frames import usual_reference
 from dolfinx_joints.postprocessing.peaks import crest_points, displacement_peak, joint_peaks
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.simulation.checkpoint import Checkpoints
@@ -102,6 +104,7 @@ class MotionSuite(Summarised):
         at_once: Annotated[int, at.Ge(1)] = 16,
         checkpoint_every: Annotated[int, at.Ge(1)] = 200,
         rerun_changed: bool = False,
+        free_field: Callable[[Motion], Sequence[Any]] | None = None,
         **options: Any,
     ) -> Tally:
         """Run all motions without complete results to their ends (collective).
@@ -115,6 +118,8 @@ class MotionSuite(Summarised):
             rerun_changed: Repeat runs whose motion or time step has changed (otherwise an error),
                 and restart incomplete runs whose model, points or ``options`` have changed
                 (otherwise they fail).
+            free_field: Function that returns a list with the `FreeField` or `ObliqueFreeField` of a
+                motion, which then moves the model in place of the motion itself.
             options: ``scheme``, ``control`` and ``loads`` of `Simulation.dynamics`.
 
         Returns:
@@ -124,6 +129,10 @@ class MotionSuite(Summarised):
             StudyError: The motion or the time step of a run has changed.
             ResultsError: A results file cannot be written; the other runs have been completed.
         """
+        waves = {n: free_field(m) if free_field else None for n, m in self.motions.items()}
+        for name, loads in waves.items() if free_field else ():
+            good = isinstance(loads, Sequence) and bool(rising_waves(loads))
+            check_kind_of(f"free_field of {name!r}", loads, good, "a list with a FreeField")
         states = on_root(self._comm, lambda: self._states(dt, rerun_changed))
         waiting = [name for name, state in states.items() if state != "there"]
         shared = SharedBulk()
@@ -131,7 +140,7 @@ class MotionSuite(Summarised):
             outcomes = shared.scheduler.run(
                 {
                     n: self._task(
-                        n, dt, states[n], shared, checkpoint_every, rerun_changed, options
+                        n, dt, states[n], shared, checkpoint_every, rerun_changed, waves[n], options
                     )
                     for n in waiting
                 },
@@ -165,7 +174,8 @@ class MotionSuite(Summarised):
 
         - ``opening [m]``, ``slip [m]`` and the smallest ``safety [-]`` against sliding of all
           joints, as in `joint_peaks`,
-        - ``displacement [m]``, the largest component of a crest point from the static state,
+        - ``displacement [m]``, the largest component of a crest point from the static state, under
+          a free field relative to the level free surface,
         - ``imbalance [-]`` of the energy ledger.
         """
         stored = {name: self._stored(self.results(name)) for name in self.motions}
@@ -187,7 +197,7 @@ class MotionSuite(Summarised):
             for kind, unit, of in (("opening", "m", max), ("slip", "m", max), ("safety", "-", min)):
                 values = [peaks[kind].value for peaks in joints if not np.isnan(peaks[kind].value)]
                 row[f"{kind} [{unit}]"] = of(values, default=math.nan)
-            crest = displacement_peak(results, crest_points(results))
+            crest = displacement_peak(results, crest_points(results), usual_reference(results))
             row["displacement [m]"] = abs(crest.value)
             imbalance = results.summary["imbalance"]
             row["imbalance [-]"] = math.nan if imbalance is None else imbalance
@@ -242,10 +252,12 @@ class MotionSuite(Summarised):
         shared: SharedBulk,
         every: int,
         rerun_changed: bool,
+        waves: Sequence[Any] | None,
         options: Mapping[str, Any],
     ) -> Any:
         """Return a function that runs the model under a motion."""
         given, motion = self._simulation, self.motions[name]
+        loads = [*options.get("loads", ()), *(waves or ())]
         # Do not add a step if the duration exceeds the last step only by rounding.
         steps = max(math.ceil(motion.duration / dt * (1.0 - 1e-12)), 1)
 
@@ -263,7 +275,10 @@ class MotionSuite(Summarised):
             one.static, one.stages, one.shared = given.static, list(given.stages), shared
             path = self._checkpoint(name)
             kept = Checkpoints(path, every=every, overwrite=True, resume=resume)
-            outcome = one.dynamics(dt=dt, steps=steps, motion=motion, checkpoint=kept, **options)
+            ground = motion if waves is None else None
+            outcome = one.dynamics(
+                dt=dt, steps=steps, motion=ground, checkpoint=kept, **{**options, "loads": loads}
+            )
             on_root(self._comm, path.unlink)
             return outcome
 

@@ -102,7 +102,7 @@ def test_what_is_missing_or_contradicts_is_an_error(
         ("# unit: g\n", "has an unknown format"),
         (
             "# unit: g\ntime,a\ns,g\nx,y\n0,1\n1,2\n",
-            "unknown format (supported: K-NET, COSMOS, SMC",
+            "unknown format (supported: K-NET, COSMOS, GeoNet",
         ),
         ("# unit: g\ntime,a\ns,g\n0,1\n1,2\n", "line 3: 's' is not a finite number"),
         ("# unit: g\ntime,vel\n0,1\n1,2\n", "line 2: must name time [s] and accelerations, got"),

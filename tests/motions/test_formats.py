@@ -263,7 +263,7 @@ def test_junk_is_an_error(tmp_path: Path) -> None:
         (b"PEER" + b"\0" * 100, " is not a text file."),
         (
             b"Dear reader,\nno numbers here.\n",
-            " has an unknown format (supported: K-NET, COSMOS, SMC, ESM/",
+            " has an unknown format (supported: K-NET, COSMOS, GeoNet, CSMIP, SMC, ESM/",
         ),
     ):
         assert error_message(write(tmp_path, content, "junk.AT2")).startswith(message)
@@ -491,9 +491,22 @@ def test_one_cosmos_file_holds_three_channels(tmp_path: Path) -> None:
     assert motion.name == "CE-ABC_01012000_102046.0"
 
 
+@pytest.mark.parametrize(("way", "azimuth"), [("WE", 90.0), ("NS", 0.0), ("UP", "up")])
+def test_headers_of_itaca_until_2010(tmp_path: Path, way: str, azimuth: float | str) -> None:
+    # They have COMPONENT in place of STREAM, and the time of the first sample without its date.
+    text = esm(kind="PROCESSED ACCELERATION").replace("STREAM: HNN", f"COMPONENT: {way}")
+    text = text.replace("NETWORK: XX\n", "").replace(
+        "DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS: 20000101_", "TIME_FIRST_SAMPLE_S: "
+    )
+    (part,) = read_components(write(tmp_path, text))
+    assert (part.direction, part.record) == (azimuth, "ABC_20000101_102030")
+    (today,) = read_components(write(tmp_path, esm()))
+    assert part.start == today.start
+
+
 def test_a_direction_that_the_file_does_not_know_can_be_given(tmp_path: Path) -> None:
     files = [write(tmp_path, esm(stream=f"HN{c}"), f"{c}.ASC") for c in "12Z"]
-    with pytest.raises(RecordError, match=r"1.ASC \(direction None\).*give directions= if"):
+    with pytest.raises(RecordError, match=r"1.ASC \(unknown direction\).*give directions= if"):
         read_record(files)
     motion = read_record(files, directions=[122.0, 32, "up"])
     np.testing.assert_allclose(100.0 * motion.acceleration[:, 0], WAVE, atol=1e-9)

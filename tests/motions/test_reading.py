@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
-from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.common.errors import PlausibilityWarning, RecordError
 from dolfinx_joints.motions.reading import read_components, read_record, record_names
+from dolfinx_joints.motions.record_text import direction_named
 
 NEW_STYLE = "NPTS=   {count}, DT=   {dt} SEC,                  "
 
@@ -96,6 +97,8 @@ def test_a_wrong_file_is_an_error(tmp_path: Path, text: str, message: str) -> No
         (("164", "254", "DWN"), [0.2, 0.1, -0.3]),
         (("-V", "-N", "-E"), [0.3, 0.2, 0.1]),
         (("360", "270", "-UP"), [0.1, 0.2, 0.3]),
+        (("NS2", "EW2", "UD2"), [0.2, 0.1, 0.3]),  # east is x, north is y
+        (("N55W", "S35W", "UP"), [0.1, 0.2, 0.3]),  # azimuths 305 and 215
     ],
 )
 def test_components_find_their_axes(
@@ -106,6 +109,43 @@ def test_components_find_their_axes(
     assert motion.name == "RSN1_ABC"
     assert motion.acceleration.shape == (20, 3)  # the shortest of 20, 21, 22
     np.testing.assert_allclose(motion.acceleration[7] / STANDARD_GRAVITY, expected)
+
+
+def test_components_of_unknown_azimuth_need_directions(tmp_path: Path) -> None:
+    write_record(tmp_path, parts=("-L1", "-T1", "-V1"))
+    assert record_names(tmp_path) == ["RSN1_ABC"]
+    with pytest.raises(RecordError, match=r"-L1.AT2 \(unknown direction\)"):
+        read_record(tmp_path)
+    motion = read_record(tmp_path, directions=["N", "W", "UP"])
+    np.testing.assert_allclose(motion.acceleration[7] / STANDARD_GRAVITY, [0.1, 0.2, 0.3])
+
+
+def test_a_letter_after_the_number_of_a_station_is_a_direction(tmp_path: Path) -> None:
+    write_record(tmp_path, "RSN1_TCU078", parts=("N", "E", "V"))
+    motion = read_record(tmp_path)
+    assert motion.name == "RSN1_TCU078"
+    np.testing.assert_allclose(motion.acceleration[7] / STANDARD_GRAVITY, [0.2, 0.1, 0.3])
+
+
+def test_sensors_in_a_borehole_are_another_record(tmp_path: Path) -> None:
+    write_record(tmp_path, parts=("NS2", "EW2", "UD2"))
+    write_record(tmp_path, parts=("NS1", "EW1", "UD1"))
+    assert record_names(tmp_path) == ["RSN1_ABC_underground", "RSN1_ABC"]
+
+
+@pytest.mark.parametrize(
+    ("name", "azimuth"),
+    [("N55W", 305.0), ("S35W", 215.0), ("N80E", 80.0), ("S16E", 164.0), ("N00E", 0.0)],
+)
+def test_bearings_are_counted_from_north_or_south(name: str, azimuth: float) -> None:
+    assert direction_named(name) == azimuth
+
+
+def test_two_horizontal_components_are_read_with_a_warning(tmp_path: Path) -> None:
+    write_record(tmp_path, parts=("000", "270"))
+    with pytest.warns(PlausibilityWarning, match="no vertical component; z is zero"):
+        motion = read_record(tmp_path)
+    np.testing.assert_allclose(motion.acceleration[7] / STANDARD_GRAVITY, [0.1, 0.2, 0.0])
 
 
 def test_sensors_of_networks_have_places_not_azimuths(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ import dolfinx_joints as dj
 from dolfinx_joints.common.errors import StudyError
 from dolfinx_joints.joints import small_displacements
 from dolfinx_joints.monitors.results_monitor import ResultsMonitor
-from dolfinx_joints.postprocessing.peaks import joint_peaks
+from dolfinx_joints.postprocessing.peaks import crest_points, displacement_peak, joint_peaks
 from dolfinx_joints.study import MotionSuite
 
 pytestmark = pytest.mark.mpi
@@ -233,3 +233,64 @@ def test_a_motion_that_does_not_converge_is_told_and_a_wrong_point_stops(
     wrong = MotionSuite(new_path("far"), given, chosen, points={"far": (900.0, 0.0, 0.0)})
     with pytest.raises(dj.JointsError, match="is .* m from the nearest node"):
         wrong.run(dt=DT)
+
+
+def test_motions_are_waves_of_a_free_field(comm, wall_file, read, new_path, monkeypatch):
+    """Runs equal single runs under the free field, also after an interruption."""
+    model = wall(read(wall_file()), supports=[dj.ViscousBoundary(group="base")])
+    given = dj.Simulation(model)
+    given.statics()
+    chosen, folder = motions(0.1, 0.3), new_path("waves")
+
+    def free_field(motion):
+        incident = dj.incident_wave(motion)
+        return [dj.FreeField(groups=["base"], incident=incident, surface=1.0)]
+
+    suite = MotionSuite(folder, given, chosen, points=POINTS, every=2)
+    record = ResultsMonitor.record
+
+    def killing(monitor, state):
+        record(monitor, state)
+        if state.step == 5 and monitor._path.stem == "x0.3":
+            raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ResultsMonitor, "record", killing)
+        with pytest.raises(Killed):
+            suite.run(dt=DT, free_field=free_field, checkpoint_every=3)
+    tally = suite.run(dt=DT, free_field=free_field)
+    assert tally.done + tally.skipped == list(chosen)
+    path = new_path("wave.h5")
+    alone = dj.Simulation(model, monitors=[ResultsMonitor(path, points=POINTS, every=2)])
+    alone.static, alone.stages = given.static, list(given.stages)
+    alone.dynamics(dt=DT, steps=STEPS, loads=free_field(chosen["x0.3"]))
+
+    def look():
+        comparison = dj.compare(path, suite.results("x0.3"), tolerance=1e-9)
+        assert comparison.within, comparison
+
+    on_root(comm, look)
+
+    def look_at_table():
+        table = suite.table()
+        peaks = [np.abs(motion.acceleration).max() for motion in chosen.values()]
+        np.testing.assert_allclose(table["pga [m/s^2]"], peaks)
+        with dj.Results(suite.results("x0.3")) as run:
+            assert not run.relative
+            crest = displacement_peak(run, crest_points(run), "ground")
+            absolute = displacement_peak(run, crest_points(run))
+        stored = table["displacement [m]"][1]
+        assert stored == pytest.approx(abs(crest.value))
+        assert stored != pytest.approx(abs(absolute.value))
+
+    on_root(comm, look_at_table)
+
+
+def test_a_free_field_without_waves_or_with_a_motion_is_an_error(simulation, new_path):
+    suite = MotionSuite(new_path("none"), simulation(), motions(0.5), points=POINTS)
+    for wrong in ([], dj.Gravity(), [dj.Gravity()], None):
+        with pytest.raises(ValueError, match=r"free_field of 'x0.5' is .*; it must be a list with"):
+            suite.run(dt=DT, free_field=lambda motion, wrong=wrong: wrong)
+    field = dj.FreeField(groups=["base"], incident=lambda t: np.zeros(3), surface=1.0)
+    with pytest.raises(ValueError, match="Both motion and a FreeField are given"):
+        suite.run(dt=DT, loads=[field])

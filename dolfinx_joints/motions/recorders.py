@@ -1,14 +1,16 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Files of ground motions in the COSMOS format, version 1.20, with one or several channels.
+"""File formats with all channels of a recorder: COSMOS version 1.20, CSMIP/CDMG, GeoNet.
 
-A channel has text, 100 integers, 100 real numbers, comments, and blocks of values. Each part states
-its number of lines or values and their format. V1 (uncorrected) and V2 (corrected) accelerations
-are read; velocity and displacement of a V2 channel are skipped. Raw counts (V0) raise an error.
+A channel of COSMOS has text, 100 integers, 100 real numbers, comments, and blocks of values. Each
+part states its number of lines or values and their format. V1 (uncorrected) and V2 (corrected)
+accelerations are read; velocity and displacement of a V2 channel are skipped. Raw counts (V0) raise
+an error. Layouts of the others: Shakal and Huang, Standard tape format for CSMIP strong-motion data
+tapes, OSMS 85-03, 1985; GeoNet, Strong motion file formats. Their channels start together.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.motions.record_text import (
@@ -18,11 +20,13 @@ from dolfinx_joints.motions.record_text import (
     RecordText,
     Samples,
     component,
+    direction_named,
     record_named,
     start_time,
+    unit_named,
 )
 
-_TITLE = re.compile(r"\(Format\s+v[\d.]+\s+with\s+(\d{1,3})\s+text\s+lines", re.I)
+_TITLE = re.compile(r".*\(Format\s+v[\d.]+\s+with\s+(\d{1,3})\s+text\s+lines", re.I)
 _PART = re.compile(r"\s*(\d+)\s+(?:Integer|Real)-header values follow on\s+(\d+)", re.I)
 _COMMENTS = re.compile(r"\s*(\d{1,4})\s+Comment line", re.I)
 _START = re.compile(
@@ -37,6 +41,17 @@ _BLOCK = re.compile(r"\s*(\d+)\s+(\w+)\s+pts", re.I)
 _END = re.compile(r"\bEnd.of.data\b", re.I)
 _WIDTH = re.compile(r"Format\s*=\s*\(\s*([1-9]\d{0,2})\s*[IFEGD]([1-9]\d?)", re.I)
 _UNKNOWN = re.compile(r"\bunknown\b.*:[^,]*,\s*([+-]?\d+\.?\d*(?:E[+-]?\d+)?)", re.I)
+_CSMIP_TITLE = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\b", re.I)
+# Lines from the title to record, channel and block of values; True: uncorrected (volume 1).
+_CSMIP_LINES = {True: (3, 6, 27), False: (4, 7, 45)}
+_CSMIP_BLOCK = re.compile(
+    r"\s*(\d+) (?:accelerogram points at\s+(?P<rate>[\d.]+) pts/sec in units of"
+    r"|points of accel data equally spaced at\s+(?P<step>[\d.]+) sec[.,\s]*(?:in|\(units:))"
+    r"\s+(?P<unit>[\w/]+)(?:.*\((?P<per_line>[1-9]\d?)F(?P<width>[1-9]\d?)\.)?",
+    re.I,
+)
+_CHANNEL = re.compile(r"\s*(?:chan\s*\d+:|component)\s*(\w+)", re.I)
+_GEONET_TITLE = re.compile(r"(un)?corrected accelerogram\s+(\S+).*\bGNS Science", re.I)
 _UNIT_CODES = {"2": "g", "4": "cm/s^2", "10": "gal", "11": "mg"}
 
 
@@ -51,7 +66,7 @@ def _record(text: RecordText) -> str:
 
 def _channels(text: RecordText) -> Iterator[Component]:
     line = 1
-    while line <= len(text.lines) and (title := _TITLE.search(text.lines[line - 1])):
+    while line <= len(text.lines) and (title := _TITLE.match(text.lines[line - 1])):
         head, first = line + 7, line + int(title[1])
         integers, second = _header(text, first)
         real, after = _header(text, second)
@@ -66,7 +81,7 @@ def _channels(text: RecordText) -> Iterator[Component]:
             samples,
             dt=1e-3 * step,
             unit=unit,
-            stated=_direction(integers[53]),
+            stated=_coded_direction(integers[53]),
             record=_record(text),
             start=_start(text, head, integers, real),
             unknown=unknown,
@@ -128,7 +143,7 @@ def _after_comments(text: RecordText, number: int) -> int:
 def _blocks(text: RecordText, first: int) -> tuple[Samples, int]:
     """Return the accelerations of a channel, and the number of the line after its last block."""
     acceleration, number = None, first
-    while number <= len(text.lines) and not _TITLE.search(text.lines[number - 1]):
+    while number <= len(text.lines) and not _TITLE.match(text.lines[number - 1]):
         line = text.lines[number - 1]
         if _END.search(line):
             number += 1
@@ -149,7 +164,7 @@ def _blocks(text: RecordText, first: int) -> tuple[Samples, int]:
     return acceleration, number
 
 
-def _direction(code: str) -> Direction | None:
+def _coded_direction(code: str) -> Direction | None:
     """Return the direction for the 54th integer: azimuth 1 to 360, 400 up, 401 down."""
     azimuth = int(code) if re.fullmatch(r"\d{1,4}", code) else 0
     if 1 <= azimuth <= 360:
@@ -158,9 +173,84 @@ def _direction(code: str) -> Direction | None:
     return vertical.get(azimuth)
 
 
-COSMOS = Format(
-    "COSMOS",
-    lambda text: _TITLE.search(text.lines[0]) is not None,
-    _record,
-    lambda text: list(_channels(text)),
+def _direction_in(text: RecordText, number: int) -> Direction | None:
+    channel = _CHANNEL.match(text.lines[number - 1])
+    return None if channel is None else direction_named(channel[1])
+
+
+def _csmip_record(text: RecordText) -> str:
+    """Return the name of the record; uncorrected records are separate from corrected ones."""
+    title = _CSMIP_TITLE.match(text.lines[0])
+    uncorrected = bool(title and title[1])
+    words = text.line(1 + _CSMIP_LINES[uncorrected][0], "the number of the record").split()
+    return record_named(*words[:1] or [text.path.stem], "uncorrected" if uncorrected else "")
+
+
+def _csmip_channels(text: RecordText) -> Iterator[Component]:
+    number = 1
+    while number <= len(text.lines):
+        title = _CSMIP_TITLE.match(text.lines[number - 1])
+        if title is None:
+            number += 1  # a line of velocities or displacements, or the end of a channel
+            continue
+        _, channel_line, block_line = _CSMIP_LINES[bool(title[1])]
+        first, number = number, number + block_line
+        line = text.line(number, "number, time step and unit of the accelerations")
+        block = _CSMIP_BLOCK.match(line)
+        if block is None:
+            got = f"got {shown(line.strip())}. Values at unequal times are not read; use volume 2."
+            text.fail(number, f"must state number, time step and unit of the accelerations, {got}")
+        count = text.count(number, block[1])
+        interval = text.positive(number, block["step"] or block["rate"], "the time step or rate")
+        width = int(block["width"] or (9 if title[1] else 10))
+        last = number + -(-count // int(block["per_line"] or 8))
+        yield component(
+            text,
+            text.values(number + 1, count, number, width=width, last=last),
+            dt=interval if block["step"] else 1.0 / interval,
+            unit=unit_named(block["unit"], f"{text.path}, line {number}"),
+            stated=_direction_in(text, first + channel_line),
+            record=_csmip_record(text),
+        )
+        number = last + 1
+
+
+def _geonet_record(text: RecordText) -> str | None:
+    title = _GEONET_TITLE.match(text.lines[0])
+    return title and record_named(title[2], "uncorrected" if title[1] else "")
+
+
+def _geonet_channels(text: RecordText) -> Iterator[Component]:
+    """Read the channels: 16 lines of text, 40 integers, 60 real numbers, and values, all 8 wide."""
+    first = 1
+    while first <= len(text.lines):
+        if not _GEONET_TITLE.match(text.lines[first - 1]):
+            text.fail(first, f"a channel must begin here, got {shown(text.lines[first - 1])}.")
+        text.line(first + 26, "the first values")
+        counts, reals = text.words(first + 19, 8)[3:6], text.words(first + 22, 8)
+        if len(counts) < 3 or len(reals) < 6 or "-" in "".join(counts[1:]):
+            text.fail(first + 19, "numbers of values or the time step are missing or negative.")
+        count = text.count(first + 19, counts[0])
+        # Accelerations, velocities and displacements, ten in a line.
+        lines = [-(-int(text.number(first + 19, word)) // 10) for word in counts]
+        values = text.values(first + 26, count, first + 19, width=8, last=first + 25 + lines[0])
+        yield component(
+            text,
+            values,
+            dt=text.positive(first + 22, reals[5], "the time step"),
+            unit="mm/s^2",
+            stated=_direction_in(text, first + 12),
+            record=_geonet_record(text),
+        )
+        first += 26 + sum(lines)
+
+
+def _titled(pattern: re.Pattern[str]) -> Callable[[RecordText], bool]:
+    return lambda text: pattern.match(text.lines[0]) is not None
+
+
+RECORDERS = (
+    Format("COSMOS", _titled(_TITLE), _record, _channels),
+    Format("GeoNet", _titled(_GEONET_TITLE), _geonet_record, _geonet_channels),
+    Format("CSMIP", _titled(_CSMIP_TITLE), _csmip_record, _csmip_channels),
 )

@@ -9,16 +9,14 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.diagnosis import NO_MEMORY, of_error, reported_by_package, why_singular
 from dolfinx_joints.solvers.multigrid.bulk import options_set
 from dolfinx_joints.solvers.node_blocks import NodeBlocks
-
-Floats = NDArray[np.float64]
 
 # MUMPS' option for the per cent by which its workspace exceeds the estimate.
 WORKSPACE = "mat_mumps_icntl_14"

@@ -8,12 +8,10 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.mpi import summed
-
-Floats = NDArray[np.float64]
 
 
 class Solver(Protocol):

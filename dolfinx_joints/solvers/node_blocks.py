@@ -10,12 +10,10 @@ fast as CHOLMOD.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.solvers import limits
-
-Floats = NDArray[np.float64]
 
 # Block sizes (dofs per node) for which PETSc has unrolled loops.
 BLOCKS = (2, 3)

@@ -12,15 +12,13 @@ import ctypes
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.diagnosis import reported_by_package
-
-Floats = NDArray[np.float64]
 
 # MUMPS' ICNTL(31): do not keep the factor. ICNTL(14): extra workspace in per cent of the estimate.
 CONTROLS = {31: 1, 14: 60}

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import of_ranks, summed
 from dolfinx_joints.common.progress import LOGGER
@@ -21,9 +22,6 @@ from dolfinx_joints.solvers.compliance.schur_complement import schur_complement
 from dolfinx_joints.solvers.direct import DirectSolver, multiplied
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.int64]
 
 
 class UnitForces:
@@ -63,7 +61,7 @@ class UnitForces:
         lines = np.repeat(np.arange(len(starts) - 1), np.diff(starts))[order]
         return numbers[order], lines, entries[order]
 
-    def gaps(self, numbers: Rows) -> Floats:
+    def gaps(self, numbers: Ints) -> Floats:
         """Return columns of G at the rank's points, shape (local, k), [m/N] (collective).
 
         Args:
@@ -105,7 +103,7 @@ class UnitForces:
         if not error <= limits.AT_ONCE_ERROR * largest:
             raise JointsError(f"the Schur complement has an error of {error:.1e}/{largest:.1e} m/N")
 
-    def _block(self, numbers: Rows) -> Floats:
+    def _block(self, numbers: Ints) -> Floats:
         """Return some columns of G, computed in one block solve."""
         solver = self._effective.solver
         if isinstance(solver, DirectSolver) and solver.package == "mumps":
@@ -124,7 +122,7 @@ class UnitForces:
             return None
         return np.ascontiguousarray(multiplied(self._operator, parts[0])), parts[1]
 
-    def _modal_gaps(self, numbers: Rows) -> Floats:
+    def _modal_gaps(self, numbers: Ints) -> Floats:
         """Return the part of columns of G due to modes, to be subtracted (collective)."""
         if self._modal is None:
             return np.zeros((self.local, len(numbers)))
@@ -137,7 +135,7 @@ class UnitForces:
         modal_gaps: Floats = gaps @ (small @ amounts.T)
         return modal_gaps
 
-    def _right_hand_sides(self, numbers: Rows) -> Floats:
+    def _right_hand_sides(self, numbers: Ints) -> Floats:
         """Return the owned rows of B^T for some unknowns, shape (local dofs, k)."""
         rows, lines, entries = self._columns
         firsts = np.searchsorted(rows, numbers)
@@ -147,7 +145,7 @@ class UnitForces:
         block[lines[entry], np.repeat(np.arange(len(numbers)), counts)] = entries[entry]
         return block
 
-    def _rows_on_rank_0(self, numbers: Rows) -> PETSc.Mat:
+    def _rows_on_rank_0(self, numbers: Ints) -> PETSc.Mat:
         """Return rows of B for some unknowns as a matrix on rank 0 (collective)."""
         starts, columns, values = self._rows
         first, stop = self._operator.getOwnershipRange()

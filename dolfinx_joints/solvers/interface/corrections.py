@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-from dolfinx_joints.common.arrays import Dealt
+from dolfinx_joints.common.arrays import Dealt, Floats
 from dolfinx_joints.common.mpi import blocks_of, rank_of, sent_to
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.compliance import Compliance, Compressed
@@ -36,8 +36,6 @@ from dolfinx_joints.solvers.interface.compiled.products import (
     store,
 )
 from dolfinx_joints.solvers.interface.compiled.ranks import lengths_of, ranks_of
-
-Floats = NDArray[np.float64]
 
 # Sets of points whose parts of S or W are kept: name in checkpoints, name in `Memory`.
 SETS = {"kept": "active", "changed": "changed"}

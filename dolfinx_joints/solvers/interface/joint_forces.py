@@ -10,16 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.interface.corrections import Correction
 from dolfinx_joints.solvers.interface.joint_step import Iterate, JointStep
 from dolfinx_joints.solvers.newton_loop import forcing
 from dolfinx_joints.solvers.step_solver import StepSolver
-
-Floats = NDArray[np.float64]
 
 
 class JointForces:

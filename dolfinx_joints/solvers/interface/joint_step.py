@@ -15,8 +15,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.joints.condensed_step import PointResponses
@@ -25,8 +25,6 @@ from dolfinx_joints.laws.law import JointState, Response, Rule
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.springs import JointSprings
-
-Floats = NDArray[np.float64]
 
 
 class Iterate(NamedTuple):

@@ -13,16 +13,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.compliance import Compliance
 from dolfinx_joints.solvers.compliance.row_matrix import RowMatrix
 from dolfinx_joints.solvers.interface.corrections import Correction
-
-Floats = NDArray[np.float64]
 
 
 class KrylovCorrections:

@@ -8,14 +8,12 @@ The symbols are those of `joint_step`: scaled joint forces f, scaled compliance 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import JointState
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.interface.joint_step import JointStep
-
-Floats = NDArray[np.float64]
 
 
 class AcceptedForces:

@@ -21,10 +21,9 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.common.arrays import Dealt
+from dolfinx_joints.common.arrays import Dealt, Floats
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.model.system import MatrixSystem
@@ -46,8 +45,6 @@ from dolfinx_joints.solvers.step_solver import (
     StepEquation,
     StepSolver,
 )
-
-Floats = NDArray[np.float64]
 
 
 class InterfaceSolver(StepSolver):

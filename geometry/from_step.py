@@ -28,11 +28,14 @@ from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import Length, Order, mesh_path
 from dolfinx_joints.geometry.meshing.planes import (
     Plane,
+    add_groups,
     check_planes,
     cut_wedge,
+    faces_of,
     faces_on_planes,
+    mesh_solids,
+    sides_of,
 )
-from dolfinx_joints.geometry.meshing.solids import add_groups, faces_of, mesh_solids, sides_of
 from dolfinx_joints.geometry.meshing.step_file import check_step_file, face_names
 from dolfinx_joints.geometry.meshing.step_options import (
     PLANE_FORM,

@@ -25,12 +25,15 @@ from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import Length, Order, mesh_path
 from dolfinx_joints.geometry.meshing.planes import (
     Plane,
+    add_groups,
     bounded,
     check_planes,
     cut_wedge,
+    faces_of,
     faces_on_planes,
+    mesh_solids,
+    sides_of,
 )
-from dolfinx_joints.geometry.meshing.solids import add_groups, faces_of, mesh_solids, sides_of
 from dolfinx_joints.geometry.meshing.step_options import PLANE_FORM, by_name, named_plane, numbers
 
 

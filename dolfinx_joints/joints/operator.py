@@ -4,7 +4,7 @@
 
 This module defines the sign convention: the jump is u+ - u- and the normal n points from the - to
 the + side. Thus gap_n > 0 is open and t_n < 0 is compression. `orientation.orient_pairs` chooses
-the sides and `joint_frames` the tangential axes.
+the sides and `joint_pairs` the tangential axes.
 """
 
 from __future__ import annotations

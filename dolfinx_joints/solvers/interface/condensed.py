@@ -30,8 +30,7 @@ from dolfinx_joints.solvers.effective_matrix import (
     MatrixCoefficients,
     unconstrained_dofs,
 )
-from dolfinx_joints.solvers.interface.corrections import CompiledCorrections
-from dolfinx_joints.solvers.interface.krylov_corrections import KrylovCorrections
+from dolfinx_joints.solvers.interface.corrections import CompiledCorrections, KrylovCorrections
 from dolfinx_joints.solvers.interface.springs import JointSprings
 from dolfinx_joints.solvers.step_solver import SolverOptions
 

@@ -35,8 +35,7 @@ from dolfinx_joints.solvers.effective_matrix import (
 )
 from dolfinx_joints.solvers.interface.condensed import Condensed, Solved
 from dolfinx_joints.solvers.interface.joint_forces import JointForces
-from dolfinx_joints.solvers.interface.joint_step import JointStep
-from dolfinx_joints.solvers.interface.predictor import AcceptedForces, tractions_of
+from dolfinx_joints.solvers.interface.joint_step import AcceptedForces, JointStep, tractions_of
 from dolfinx_joints.solvers.newton_loop import newton
 from dolfinx_joints.solvers.step_solver import (
     Solution,

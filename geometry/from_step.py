@@ -36,12 +36,13 @@ from dolfinx_joints.geometry.meshing.planes import (
     mesh_solids,
     sides_of,
 )
-from dolfinx_joints.geometry.meshing.step_file import check_step_file, face_names
-from dolfinx_joints.geometry.meshing.step_options import (
+from dolfinx_joints.geometry.meshing.step_file import (
     PLANE_FORM,
     Where,
     by_name,
+    check_step_file,
     check_word,
+    face_names,
     is_point,
     named_pair,
     named_plane,

@@ -34,7 +34,7 @@ from dolfinx_joints.geometry.meshing.planes import (
     mesh_solids,
     sides_of,
 )
-from dolfinx_joints.geometry.meshing.step_options import PLANE_FORM, by_name, named_plane, numbers
+from dolfinx_joints.geometry.meshing.step_file import PLANE_FORM, by_name, named_plane, numbers
 
 
 @checked

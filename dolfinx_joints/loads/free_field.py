@@ -20,8 +20,7 @@ from dolfinx_joints.body.supports import components_of
 from dolfinx_joints.common.arrays import Ints
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.loads.ground_motion import IncidentWave, in_axes
-from dolfinx_joints.loads.load import TimeFactor, always
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import LoadedBody, TimeFactor, always
 from dolfinx_joints.loads.wave_levels import (
     LEVELS,
     Layer,

@@ -16,8 +16,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import number_at
 from dolfinx_joints.loads.free_field import FreeField
-from dolfinx_joints.loads.load import Load, TimeFactor
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import Load, LoadedBody, TimeFactor
 from dolfinx_joints.loads.wave_levels import (
     LEVELS,
     Layer,

@@ -20,8 +20,7 @@ from petsc4py import PETSc
 from dolfinx_joints.body.viscous_boundary import impedance
 from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.loads.load import TimeFactor
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import LoadedBody, TimeFactor
 from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots
 from dolfinx_joints.mesh.orientation import facet_normals
 

@@ -14,7 +14,7 @@ from dolfinx_joints.exact import plane_normal
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import check_fine
 from dolfinx_joints.geometry.meshing.extrusion import FloatArray
-from dolfinx_joints.geometry.meshing.step_options import check_word, is_point
+from dolfinx_joints.geometry.meshing.step_file import check_word, is_point
 
 
 def faces_of(volume: int) -> list[int]:

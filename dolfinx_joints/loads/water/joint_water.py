@@ -25,8 +25,7 @@ from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_each, number_at, shown
 from dolfinx_joints.laws.law import Response
-from dolfinx_joints.loads.load import Codes, JointLoad, TimeFactor, Vector, always
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import Codes, JointLoad, LoadedBody, TimeFactor, Vector, always
 from dolfinx_joints.loads.water.open_paths import OpenPaths
 from dolfinx_joints.mesh.cells import Floats
 

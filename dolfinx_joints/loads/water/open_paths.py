@@ -12,7 +12,7 @@ import numpy as np
 from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import RowsAt, blocks_of, of_ranks, rows_at, sent_to, set_rows
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import LoadedBody
 from dolfinx_joints.mesh.blocks import connected, first_at_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type

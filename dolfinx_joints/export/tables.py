@@ -22,7 +22,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.files import replacing
 from dolfinx_joints.common.parameters import cell
-from dolfinx_joints.export.vtk_files import check_free
+from dolfinx_joints.export.paraview import check_free
 from dolfinx_joints.postprocessing.criteria.sliding import recorded_blocks
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.postprocessing.frames import static_displacement, zero_name

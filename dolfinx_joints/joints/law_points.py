@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Points of one law: selection of the law's method for a rule, check of the results, brittle bonds."""
+"""Points of one law: choice of the method for a rule, check of the results, brittle bonds."""
 
 from __future__ import annotations
 

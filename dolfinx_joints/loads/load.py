@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Protocols of loads (patterns times time factors, on faces, cells, joints) and of loaded bodies."""
+"""Protocols of loads, patterns times time factors on faces, cells, joints; and of loaded bodies."""
 
 from __future__ import annotations
 

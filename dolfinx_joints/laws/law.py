@@ -23,7 +23,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, runtime_check
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.arrays import Floats
+from dolfinx_joints.common.arrays import Floats as Floats
 from dolfinx_joints.common.parameters import shown
 
 NO_COMPLIANCE: Floats = np.zeros((1, 2))

@@ -68,12 +68,7 @@ def half_elevation(
 
 
 def fitted_level(
-    sector: Sector,
-    theta: FloatArray,
-    ta: FloatArray,
-    zeta: FloatArray,
-    active: float,
-    depth: float,
+    sector: Sector, theta: FloatArray, ta: FloatArray, zeta: FloatArray, active: float, depth: float
 ) -> FloatArray:
     """Return the levels of the elevation, shifted so that they fit the foundation at ta.
 

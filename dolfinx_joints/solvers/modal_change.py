@@ -35,11 +35,7 @@ class ModalChange:
     """
 
     def __init__(
-        self,
-        columns: Floats,
-        delta: Floats,
-        of_supports: Callable[[PETSc.Vec], Floats],
-        comm: Any,
+        self, columns: Floats, delta: Floats, of_supports: Callable[[PETSc.Vec], Floats], comm: Any
     ) -> None:
         """Store the parts."""
         self.columns, self.delta, self._comm = columns, delta, comm

@@ -21,7 +21,7 @@ if not __package__:  # run as a script: make the package importable
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.geometry.arch import ArchDam, Sector, mid_crest
-from dolfinx_joints.geometry.arch_elevation import fitted_level, half_elevation
+from dolfinx_joints.geometry.arch_mesh import fitted_level, half_elevation
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import (
     Cell,

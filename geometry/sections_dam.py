@@ -22,8 +22,13 @@ if not __package__:  # run as a script: make the package importable
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.geometry.arch import Sector
-from dolfinx_joints.geometry.arch_elevation import fitted_level, half_elevation
-from dolfinx_joints.geometry.arch_foundation import Block, ground_ring, solid_with_foundation
+from dolfinx_joints.geometry.arch_mesh import (
+    Block,
+    fitted_level,
+    ground_ring,
+    half_elevation,
+    solid_with_foundation,
+)
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import (
     MAX_JOINTS,

@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike
 from dolfinx_joints.common.arrays import Dealt, Floats, blocks_in
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.files import replacing
+from dolfinx_joints.common.hdf5 import new_file
 from dolfinx_joints.export.grids import Array, Grid, body_grid, joined, joint_grid, joint_values
-from dolfinx_joints.export.whole_files import ChangingFile, creating, discard_redo, repair
+from dolfinx_joints.export.whole_files import ChangingFile, discard_redo, repair
 from dolfinx_joints.results.arguments import StageStates
 from dolfinx_joints.results.reader import Results, listing
 from dolfinx_joints.results.stream import add_rows, write_whole
@@ -54,7 +56,7 @@ class VtkFile:
             discard_redo(path)
             arrays = grid.points, grid.connectivity, grid.offsets, grid.kinds
             size = sum(int(np.prod(array.shape)) * array.dtype.itemsize for array in arrays)
-            with creating(path, size + _MORE_BYTES) as file:
+            with replacing(path) as part, new_file(part, size + _MORE_BYTES) as file:
                 _write_grid(file, grid)
         except OSError as error:
             raise ResultsError(f"{path} cannot be written: {error}.") from None

@@ -17,7 +17,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.body.supports import components_of
-from dolfinx_joints.common.arrays import Ints
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.loads.ground_motion import IncidentWave, in_axes
 from dolfinx_joints.loads.load import LoadedBody, TimeFactor, always
@@ -31,7 +31,6 @@ from dolfinx_joints.loads.wave_levels import (
     layers_along,
     without_rounding,
 )
-from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.motions.motion import Motion
 
 # Least number of samples per travel time of a layer: cubic interpolation reads two samples ahead.

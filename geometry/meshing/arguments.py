@@ -85,7 +85,11 @@ def add_flags(parser: Parser, of: Callable[..., Any]) -> None:
     entries = re.sub(r"\n {5,}", " ", inspect.getdoc(of) or "").replace("%", "%%")
     texts = dict(re.findall(r"^ {4}(\w+): (.+)$", entries, re.M))
     for item in declarations(of):
-        name, kind, text = item.name.replace("_", "-"), item.kind, texts[item.name].rstrip(".")
+        name, kind, text = (
+            item.name.replace("_", "-"),
+            item.kind,
+            texts.get(item.name, "").rstrip("."),
+        )
         options: dict[str, Any] = {"dest": item.name, "help": f"{text} (default: %(default)s)"}
         options["default"] = item.default
         if item.default is REQUIRED or item.default is None:

@@ -29,7 +29,7 @@ from dolfinx.mesh import CellType
 from shaken_wall import Killed, Killer
 
 import dolfinx_joints as dj
-from dolfinx_joints.loads.free_field import Column
+from dolfinx_joints.loads.column import Column
 from tests.verification.test_absorbing import PRESSURE, ROCK, SHEAR, ground, on_dashpots
 
 LENGTH, SIZE = 0.1, 0.2  # of the pulse [s], [m/s]

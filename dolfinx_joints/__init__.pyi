@@ -28,7 +28,7 @@ from .common.errors import TemperatureError as TemperatureError
 from .common.mpi import abort_on_error as abort_on_error
 from .common.progress import set_log_level as set_log_level
 from .export.comparison import compare as compare
-from .export.csv_files import write_csv as write_csv
+from .export.tables import write_csv as write_csv
 from .joints.ufl_law import PotentialJoint as PotentialJoint
 from .joints.ufl_law import TractionJoint as TractionJoint
 from .laws.adhesive import AdhesiveJoint as AdhesiveJoint

@@ -122,7 +122,7 @@ def _compare(options: Any) -> bool:
 
 def _csv(options: Any) -> None:
     """Write all tables of a results file as CSV, with units in the headers."""
-    from dolfinx_joints.export.csv_files import write_csv
+    from dolfinx_joints.export.tables import write_csv
     from dolfinx_joints.results.reader import Results
 
     with Results(options.file) as results:

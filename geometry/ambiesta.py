@@ -21,7 +21,7 @@ if not __package__:  # run as a script: make the package importable
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.geometry.arch import ArchDam, Sector, mid_crest
-from dolfinx_joints.geometry.arch_elevation import fitted_level, half_elevation
+from dolfinx_joints.geometry.arch_mesh import fitted_level, half_elevation
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import (
     Cell,
@@ -30,6 +30,8 @@ from dolfinx_joints.geometry.meshing.arguments import (
     NumberOfLayers,
     Order,
     Share,
+    add_flags,
+    argument_parser,
     mesh_path,
 )
 from dolfinx_joints.geometry.meshing.extrusion import (
@@ -76,8 +78,8 @@ def ambiesta(
         cell: "hex" or "tet".
         joints: number of joints, 0 for a monolithic dam.
         active_height: relative height up to which the joints can open, in (0, 1].
-        crest_arch: True if the dam continues without joints above the active height. Otherwise the
-            dam ends at the active height, and the joints are radial at this level.
+        crest_arch: continue the dam without joints above the active height. Otherwise the dam ends
+            at the active height, and the joints are radial at this level.
         layers: number of elements through the thickness.
         parameters: shape of the dam; None for the default.
         gui: show the mesh in Gmsh's window afterwards.
@@ -141,25 +143,10 @@ def _elevation(sector: Sector, size: float, cell: str, joints: int, active: floa
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser(
-        "Mesh an arch dam with contraction joints.", "ambiesta.msh", 5.5
-    )
-    parser.set_defaults(order=2)
-    parser.add_argument("--joints", type=int, default=11, help="number of joints")
-    parser.add_argument(
-        "--active-height", type=float, default=0.75, help="relative height of the joints, in (0, 1]"
-    )
-    parser.add_argument(
-        "--no-crest-arch",
-        dest="crest_arch",
-        action="store_false",
-        help="end the dam at the active height",
-    )
-    parser.add_argument("--layers", type=int, default=1, help="elements through the thickness")
+    text = "Mesh an arch dam with contraction joints."
+    parser = argument_parser(ambiesta, text, "ambiesta.msh")
+    add_flags(parser, ArchDam)
     shape = [field.name for field in fields(ArchDam)]
-    for field in fields(ArchDam):
-        flag = "--" + field.name.replace("_", "-")
-        parser.add_argument(flag, type=float, default=field.default, help="see ArchDam")
 
     def model(out: Path, **options: object) -> Path:
         dam = ArchDam(**{name: options.pop(name) for name in shape})  # type: ignore[arg-type]

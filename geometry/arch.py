@@ -77,18 +77,19 @@ class ArchDam(CircularArches):
     other defaults are fitted to its published frequencies; they are not from drawings.
 
     Args:
-        height: H [m].
-        base_half_angle: phi_0 [degrees].
-        crest_half_angle: phi_1 [degrees].
-        base_half_chord: w_0 [m].
-        crest_half_chord: w_1 [m].
-        chord_exponent: n; a smaller value makes a wider valley.
-        base_thickness: t_0 at the crown [m].
-        crest_thickness: t_1 at the crown [m].
+        height: H, height of the crest above the base [m].
+        base_half_angle: phi_0, half-angle of the arch at the base [degrees].
+        crest_half_angle: phi_1, half-angle of the arch at the crest [degrees].
+        base_half_chord: w_0, half-chord at the base [m].
+        crest_half_chord: w_1, half-chord at the crest [m].
+        chord_exponent: n, exponent of the chord; a smaller value makes a wider valley.
+        base_thickness: t_0, thickness of the crown at the base [m].
+        crest_thickness: t_1, thickness of the crown at the crest [m].
         thickening: c, relative increase of thickness from the crown to the abutments at the base.
         thickening_decay: d, relative decrease of ``thickening`` from base to crest.
-        overhang: e.
-        overhang_return: f; above 1/2 the crown leans downstream again near the crest.
+        overhang: e, overhang of the crown relative to the height.
+        overhang_return: f, decrease of the overhang; above 1/2 the crown leans downstream again
+            near the crest.
 
     Raises:
         ValueError: if a number, or the thickness at some level, is out of range.

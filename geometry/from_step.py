@@ -20,25 +20,28 @@ import numpy as np
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.geometry.meshing import gmsh_model
-from dolfinx_joints.geometry.meshing.arguments import Length, Order, mesh_path
+from dolfinx_joints.geometry.meshing.arguments import Length, Order, argument_parser, mesh_path
 from dolfinx_joints.geometry.meshing.planes import (
     Plane,
+    add_groups,
     check_planes,
     cut_wedge,
+    faces_of,
     faces_on_planes,
+    mesh_solids,
+    sides_of,
 )
-from dolfinx_joints.geometry.meshing.solids import add_groups, faces_of, mesh_solids, sides_of
-from dolfinx_joints.geometry.meshing.step_file import check_step_file, face_names
-from dolfinx_joints.geometry.meshing.step_options import (
+from dolfinx_joints.geometry.meshing.step_file import (
     PLANE_FORM,
     Where,
     by_name,
+    check_step_file,
     check_word,
+    face_names,
     is_point,
     named_pair,
     named_plane,
@@ -337,14 +340,8 @@ def _joints(
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = Parser(description="Mesh the solids of a STEP file.")
+    parser = argument_parser(from_step, "Mesh the solids of a STEP file.", "step.msh")
     parser.add_argument("step", type=Path, help="STEP file")
-    parser.add_argument("--out", type=Path, default=Path("step.msh"), help="mesh file to write")
-    parser.add_argument("--size", type=float, required=True, help="cell size [m]")
-    parser.add_argument("--joint-size", type=float, help="cell size at the joints [m]")
-    parser.add_argument("--order", type=int, default=2, help="order of the elements, 1 or 2")
-    parser.add_argument("--gui", action="store_true", help="show the mesh in Gmsh's window")
-    parser.add_argument("--duplicated", action="store_true", help="duplicate the joint faces")
     for flag, kind, form, text in (
         ("solid", named_point, "NAME=X,Y,Z", "name the solid around a point [m]"),
         ("joint", named_pair, "NAME=A,B", "name the joint between two volumes"),

@@ -31,6 +31,7 @@ from dolfinx_joints.geometry.meshing.arguments import (
     Cell,
     Length,
     Order,
+    argument_parser,
     cells_along,
     check_fine,
     mesh_path,
@@ -313,8 +314,8 @@ def _named_height(text: str) -> tuple[str, float]:
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser("Mesh a monolith of a gravity dam.", "gravity_dam.msh", 4.0)
-    parser.set_defaults(order=2)
+    text = "Mesh a monolith of a gravity dam."
+    parser = argument_parser(gravity_dam, text, "gravity_dam.msh")
     parser.add_argument("--section", choices=SECTIONS, default="koyna", help="cross-section")
     parser.add_argument(
         "--joint",
@@ -325,7 +326,6 @@ def main(argv: list[str] | None = None) -> None:
         metavar="NAME=HEIGHT",
         help="horizontal joint at a height above the base [m]; base=0 is the base joint",
     )
-    parser.add_argument("--width", type=float, help="extent of a solid in y [m]; default: plane")
 
     def model(out: Path, *, section: str, joints: list[tuple[str, float]], **options: Any) -> Path:
         if len(dict(joints)) < len(joints):

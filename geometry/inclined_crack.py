@@ -26,6 +26,7 @@ from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import (
     Length,
     Order,
+    argument_parser,
     cells_along,
     check_fine,
     mesh_path,
@@ -152,15 +153,8 @@ def crack_axes(angle: float) -> tuple[FloatArray, FloatArray]:
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser("Mesh a crack in a large body.", "inclined_crack.msh", 0.1)
-    for flag, default, text in (
-        ("half-length", 1.0, "half the length of the crack [m]"),
-        ("angle", 45.0, "angle between crack and y axis [degrees]"),
-        ("extent", 40.0, "half the size of the body, relative to the half-length"),
-        ("lean", 25.0, "inclination of the columns of cells [degrees]"),
-        ("growth", 1.5, "largest ratio of the sizes of neighbouring cells"),
-    ):
-        parser.add_argument(f"--{flag}", type=float, default=default, help=text)
+    text = "Mesh a crack in a large body."
+    parser = argument_parser(inclined_crack, text, "inclined_crack.msh")
     gmsh_model.run_script(parser, inclined_crack, argv)
 
 

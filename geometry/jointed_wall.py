@@ -27,6 +27,7 @@ from dolfinx_joints.geometry.meshing.arguments import (
     Length,
     NumberOfJoints,
     Order,
+    argument_parser,
     cells_along,
     check_fine,
     mesh_path,
@@ -101,13 +102,7 @@ def jointed_wall(
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser("Mesh a jointed wall.", "jointed_wall.msh", None)
-    for flag, default in (("length", 20.0), ("thickness", 4.0), ("height", 20.0)):
-        parser.add_argument(f"--{flag}", type=float, default=default, help="extent [m]")
-    parser.add_argument("--joints", type=int, default=3, help="number of joints")
-    parser.add_argument(
-        "--divisions", type=int, nargs=3, default=(20, 4, 20), help="cells along x, y, z"
-    )
+    parser = argument_parser(jointed_wall, "Mesh a jointed wall.", "jointed_wall.msh")
     gmsh_model.run_script(parser, jointed_wall, argv)
 
 

@@ -22,10 +22,11 @@ if not __package__:  # run as a script: make the package importable
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.geometry.arch import Sector
-from dolfinx_joints.geometry.arch_elevation import fitted_level, half_elevation
-from dolfinx_joints.geometry.arch_foundation import (
+from dolfinx_joints.geometry.arch_mesh import (
     Block,
+    fitted_level,
     ground_ring,
+    half_elevation,
     solid_with_foundation,
 )
 from dolfinx_joints.geometry.meshing import gmsh_model
@@ -36,6 +37,7 @@ from dolfinx_joints.geometry.meshing.arguments import (
     NumberOfLayers,
     Order,
     Share,
+    argument_parser,
     mesh_path,
 )
 from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray, PlaneMesh, extrude
@@ -203,17 +205,10 @@ def _dam_xyz(
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser("Mesh an arch dam given by sections.", "dam.msh", 5.0)
-    parser.set_defaults(order=2)
+    parser = argument_parser(sections_dam, "Mesh an arch dam given by sections.", "dam.msh")
     parser.add_argument("table", type=Path, help="CSV file of the sections")
-    parser.add_argument("--layers", type=int, default=1, help="elements through the thickness")
-    parser.add_argument("--joints", type=int, default=9, help="number of joints")
     angles = "joint angles [degrees], instead of --joints"
     parser.add_argument("--joint-angles", dest="joints", type=float, nargs="+", help=angles)
-    parser.add_argument("--active-height", type=float, default=1.0, help="relative joint height")
-    parser.add_argument("--foundation", type=float, help="extent of a foundation block [m]")
-    parser.add_argument("--spread", type=float, help="its extent along the valley [m]")
-    parser.add_argument("--perimetral", action="store_true", help="joint between dam and block")
     gmsh_model.run_script(parser, sections_dam, argv)
 
 

@@ -19,7 +19,14 @@ if not __package__:  # run as a script: make the package importable
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.geometry.meshing import gmsh_model
-from dolfinx_joints.geometry.meshing.arguments import Cell, Length, Order, cells_along, mesh_path
+from dolfinx_joints.geometry.meshing.arguments import (
+    Cell,
+    Length,
+    Order,
+    argument_parser,
+    cells_along,
+    mesh_path,
+)
 from dolfinx_joints.geometry.meshing.extrusion import PlaneMesh, edges_between, extrude, grid
 
 
@@ -101,15 +108,8 @@ def two_blocks(
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser(
-        "Mesh two blocks with a joint between them.", "two_blocks.msh", 0.25
-    )
-    for flag, default in (("length", 1.0), ("width", 1.0)):
-        parser.add_argument(f"--{flag}", type=float, default=default, help="extent [m]")
-    for flag in ("lower-height", "upper-height"):
-        parser.add_argument(f"--{flag}", type=float, default=1.0, help="height of the block [m]")
-    parser.add_argument("--angle", type=float, default=0.0, help="inclination [degrees]")
-    gmsh_model.run_script(parser, two_blocks, argv)
+    text = "Mesh two blocks with a joint between them."
+    gmsh_model.run_script(argument_parser(two_blocks, text, "two_blocks.msh"), two_blocks, argv)
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ from dolfinx_joints.geometry.meshing.arguments import (
     Cell,
     Length,
     Order,
+    argument_parser,
     cells_along,
     check_fine,
     mesh_path,
@@ -143,22 +144,7 @@ def _reference(voussoirs: int, n_along: int, n_through: int, cell: str) -> Plane
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser("Mesh an arch of voussoirs.", "voussoir_arch.msh", None)
-    for flag, default, text in (
-        ("radius", 10.0, "radius of the centre line [m]"),
-        ("thickness", 1.2, "thickness of the arch [m]"),
-        ("half-angle", 90.0, "angle from the crown to a springing [degrees]"),
-        ("width", None, "extent of a solid across the arch [m]; plane mesh without it"),
-    ):
-        parser.add_argument(f"--{flag}", type=float, default=default, help=text)
-    parser.add_argument("--voussoirs", type=int, default=15, help="number of blocks")
-    parser.add_argument(
-        "--divisions",
-        type=int,
-        nargs=3,
-        default=(2, 2, 1),
-        help="cells along a voussoir, through the thickness, across the width",
-    )
+    parser = argument_parser(voussoir_arch, "Mesh an arch of voussoirs.", "voussoir_arch.msh")
     gmsh_model.run_script(parser, voussoir_arch, argv)
 
 

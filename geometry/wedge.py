@@ -19,19 +19,21 @@ import gmsh
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.geometry.meshing import gmsh_model
-from dolfinx_joints.geometry.meshing.arguments import Length, Order, mesh_path
+from dolfinx_joints.geometry.meshing.arguments import Length, Order, argument_parser, mesh_path
 from dolfinx_joints.geometry.meshing.planes import (
     Plane,
+    add_groups,
     bounded,
     check_planes,
     cut_wedge,
+    faces_of,
     faces_on_planes,
+    mesh_solids,
+    sides_of,
 )
-from dolfinx_joints.geometry.meshing.solids import add_groups, faces_of, mesh_solids, sides_of
-from dolfinx_joints.geometry.meshing.step_options import PLANE_FORM, by_name, named_plane, numbers
+from dolfinx_joints.geometry.meshing.step_file import PLANE_FORM, by_name, named_plane, numbers
 
 
 @checked
@@ -117,7 +119,7 @@ def _on_box(face: int, lower: Sequence[float], upper: Sequence[float]) -> bool:
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = Parser(description="Mesh a wedge of rock.")
+    parser = argument_parser(wedge, "Mesh a wedge of rock.", "wedge.msh")
     parser.add_argument(
         "--plane", dest="planes", type=named_plane, action="append", default=[], metavar=PLANE_FORM
     )
@@ -125,12 +127,6 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--ground", type=numbers, action="append", default=[], metavar=form)
     for flag in ("inside", "lower", "upper"):
         parser.add_argument(f"--{flag}", type=numbers, required=True, metavar="X,Y,Z")
-    parser.add_argument("--size", type=float, required=True, help="cell size [m]")
-    parser.add_argument("--joint-size", type=float, help="cell size at the joints [m]")
-    parser.add_argument("--order", type=int, default=1, help="order of the elements, 1 or 2")
-    parser.add_argument("--out", type=Path, default=Path("wedge.msh"), help="mesh file to write")
-    parser.add_argument("--gui", action="store_true", help="show the mesh in Gmsh's window")
-    parser.add_argument("--duplicated", action="store_true", help="duplicate the joint faces")
 
     def model(out: Path, **options: Any) -> Path:
         return wedge(out, **(options | {"planes": by_name("planes", options["planes"])}))

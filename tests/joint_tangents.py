@@ -15,8 +15,11 @@ pytest.importorskip("scipy")
 from whole_vectors import all_of, own_part
 
 from dolfinx_joints.solvers.compliance.row_matrix import RowMatrix
-from dolfinx_joints.solvers.interface.corrections import CompiledCorrections, Correction
-from dolfinx_joints.solvers.interface.krylov_corrections import KrylovCorrections
+from dolfinx_joints.solvers.interface.corrections import (
+    CompiledCorrections,
+    Correction,
+    KrylovCorrections,
+)
 
 POINTS = 40
 

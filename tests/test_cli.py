@@ -13,7 +13,7 @@ from written_runs import write_run
 
 from dolfinx_joints import __version__, cli
 from dolfinx_joints.export.grids import uniform_grid
-from dolfinx_joints.export.vtk_files import VtkFile
+from dolfinx_joints.export.paraview import VtkFile
 from dolfinx_joints.results.overview import overview
 from dolfinx_joints.results.writer import ResultsWriter
 

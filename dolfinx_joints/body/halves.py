@@ -116,12 +116,7 @@ class Others:
     """
 
     def __init__(
-        self,
-        rows: Ints,
-        columns: Ints,
-        blocks: Floats,
-        nodes: int,
-        like: PETSc.Vec,
+        self, rows: Ints, columns: Ints, blocks: Floats, nodes: int, like: PETSc.Vec
     ) -> None:
         """Set up the exchange between the ranks (collective)."""
         numbers, place = np.unique(columns, return_inverse=True)

@@ -22,16 +22,8 @@ import h5py
 import numpy as np
 
 from dolfinx_joints.common.files import replacing
-from dolfinx_joints.common.hdf5 import new_file
 
 Piece = tuple[int, bytes | memoryview]  # position in the file [bytes], content
-
-
-@contextmanager
-def creating(path: Path, size: int) -> Iterator[h5py.File]:
-    """Create an HDF5 file of ``size`` bytes; after an error no incomplete file remains."""
-    with replacing(path) as part, new_file(part, size) as file:
-        yield file
 
 
 class ChangingFile:

@@ -17,16 +17,15 @@ from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.errors import JointsError, MeshError
 from dolfinx_joints.common.mpi import raised_together, summed
 from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number
-from dolfinx_joints.joints.bonds import Bonds, broken_points
 from dolfinx_joints.joints.condensed_step import ContactStep
 from dolfinx_joints.joints.form_operator import FormOperator
-from dolfinx_joints.joints.law_points import LawPoints, empty_response
+from dolfinx_joints.joints.law_points import Bonds, LawPoints, broken_points, empty_response
 from dolfinx_joints.joints.operator import GapOperator, JointOperator
-from dolfinx_joints.laws.inactive import Inactive
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     AnyLaw,
     Floats,
+    Inactive,
     JointState,
     Losses,
     Response,

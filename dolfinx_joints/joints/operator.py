@@ -4,7 +4,7 @@
 
 This module defines the sign convention: the jump is u+ - u- and the normal n points from the - to
 the + side. Thus gap_n > 0 is open and t_n < 0 is compression. `orientation.orient_pairs` chooses
-the sides and `joint_frames` the tangential axes.
+the sides and `joint_pairs` the tangential axes.
 """
 
 from __future__ import annotations
@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.sparse import coo_array
 
-from dolfinx_joints.common.arrays import Flags
+from dolfinx_joints.common.arrays import Flags, Floats, Ints
 from dolfinx_joints.common.mpi import gathered, lasting, rows_at
 from dolfinx_joints.joints.points import JointPoints, joint_points
-from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import vertex_functions
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, local_cells
 

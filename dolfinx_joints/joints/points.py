@@ -13,8 +13,7 @@ import numpy as np
 from dolfinx_joints.common.mpi import dealt, equal_blocks, positions, rank_of, rows_at, sent_to
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type, facet_rule, vertex_functions
-from dolfinx_joints.mesh.joint_frames import facet_geometry, frames
-from dolfinx_joints.mesh.joint_pairs import JointPairs
+from dolfinx_joints.mesh.joint_pairs import JointPairs, facet_geometry, frames
 
 
 @dataclass(frozen=True, kw_only=True)

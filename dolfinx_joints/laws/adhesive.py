@@ -17,8 +17,12 @@ import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.kernels import inline
-from dolfinx_joints.laws.angle import coefficient_of, set_friction
-from dolfinx_joints.laws.friction import FrictionNoTension, backward_euler_on
+from dolfinx_joints.laws.friction import (
+    FrictionNoTension,
+    backward_euler_on,
+    coefficient_of,
+    set_friction,
+)
 from dolfinx_joints.laws.law import Floats, JointState, Losses, Response, Rule
 from dolfinx_joints.laws.points.discrete_gradient import discrete_gradient_on
 from dolfinx_joints.laws.points.return_mapping import Answer, Start, at_gap, closed_form_loop

@@ -13,8 +13,7 @@ import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.kernels import inline
-from dolfinx_joints.laws.angle import coefficient_of, set_friction
-from dolfinx_joints.laws.friction import friction_at_end
+from dolfinx_joints.laws.friction import coefficient_of, friction_at_end, set_friction
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     DISCRETE_GRADIENT,

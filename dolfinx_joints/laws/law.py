@@ -23,9 +23,8 @@ from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, runtime_check
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats as Floats
 from dolfinx_joints.common.parameters import shown
-
-Floats = NDArray[np.float64]
 
 NO_COMPLIANCE: Floats = np.zeros((1, 2))
 
@@ -334,3 +333,36 @@ def changes_gap_methods(cls: type) -> bool:
 def variables_of(law: Any) -> tuple[str, ...]:
     """Return the names of the internal variables of a law."""
     return law.internal_variables if isinstance(law, LawWithHistory) else ()
+
+
+class Inactive:
+    """Joint law with zero traction at any gap."""
+
+    def backward_euler(self, gap: Floats, state: JointState) -> Response:
+        """Return zero traction at a gap of shape (n, 3), [m]."""
+        count = len(gap)
+        return Response(
+            traction=np.zeros((count, 3)),
+            tangent=np.zeros((count, 3, 3)),
+            state=JointState.at_rest(gap),
+            dissipation=np.zeros(count),
+            status=np.full(count, Status.OPEN, dtype=np.int8),
+        )
+
+    def condensed_backward_euler(
+        self, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
+        """Return zero traction, so that the gap equals the trial gap."""
+        return self.backward_euler(trial_gap, state)
+
+    def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
+        """Return zero losses."""
+        return Losses(np.zeros(len(traction)), np.zeros(len(traction)))
+
+    def stored_energy(self, state: JointState) -> Floats:
+        """Return zero energies, shape (n,), [J/m^2]."""
+        return np.zeros(len(state.gap))
+
+    def closed_stiffness(self) -> tuple[float, float]:
+        """Return zero stiffnesses, [Pa/m]."""
+        return 0.0, 0.0

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.kernels import inline
-from dolfinx_joints.laws.angle import coefficient_of, set_friction
+from dolfinx_joints.laws.friction import coefficient_of, set_friction
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     BROKEN,

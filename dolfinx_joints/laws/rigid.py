@@ -13,8 +13,7 @@ import annotated_types as at
 import numpy as np
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.laws.angle import coefficient_of, set_friction
-from dolfinx_joints.laws.friction import LOOPS
+from dolfinx_joints.laws.friction import LOOPS, coefficient_of, set_friction
 from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, JointState, Losses, Response, Rule
 from dolfinx_joints.laws.losses import friction_gap_change, losses_on
 from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw

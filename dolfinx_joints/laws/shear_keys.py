@@ -24,8 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.laws.angle import coefficient_of, cosine_and_sine, set_friction
-from dolfinx_joints.laws.friction import POINTS, FrictionNoTension
+from dolfinx_joints.laws.friction import (
+    POINTS,
+    FrictionNoTension,
+    coefficient_of,
+    cosine_and_sine,
+    set_friction,
+)
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     BROKEN,

@@ -17,8 +17,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import check_vector, shown
-from dolfinx_joints.loads.load import TimeFactor, Vector, always
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import LoadedBody, TimeFactor, Vector, always
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,21 +14,20 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.body.supports import components_of
-from dolfinx_joints.common.arrays import Ints
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.loads.column import Column
 from dolfinx_joints.loads.ground_motion import IncidentWave, in_axes
-from dolfinx_joints.loads.load import TimeFactor, always
-from dolfinx_joints.loads.loaded_body import LoadedBody
-from dolfinx_joints.loads.rock import Layer, layers_along
+from dolfinx_joints.loads.load import LoadedBody, TimeFactor, always
 from dolfinx_joints.loads.wave_levels import (
     LEVELS,
+    Layer,
     check_groups,
     checked_base,
     forces_of_levels,
+    layers_along,
     without_rounding,
 )
-from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.motions.motion import Motion
 
 # Samples per period of the highest frequency, for waves reflected at layer interfaces.

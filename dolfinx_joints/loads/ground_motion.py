@@ -17,8 +17,7 @@ from dolfinx_joints.common.constants import LARGE_LOSS
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import doubt
 from dolfinx_joints.common.parameters import finite, numbers_of, shown
-from dolfinx_joints.loads.load import TimeFactor
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import LoadedBody, TimeFactor
 from dolfinx_joints.motions.differing import DifferingMotion
 from dolfinx_joints.motions.motion import Motion
 

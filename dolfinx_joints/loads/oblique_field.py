@@ -16,15 +16,15 @@ from petsc4py import PETSc
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import number_at
 from dolfinx_joints.loads.free_field import FreeField
-from dolfinx_joints.loads.load import Load, TimeFactor
-from dolfinx_joints.loads.loaded_body import LoadedBody
-from dolfinx_joints.loads.rock import Layer, layers_along
+from dolfinx_joints.loads.load import Load, LoadedBody, TimeFactor
 from dolfinx_joints.loads.wave_levels import (
     LEVELS,
+    Layer,
     check_groups,
     checked_base,
     extent_along,
     forces_of_levels,
+    layers_along,
     without_rounding,
 )
 from dolfinx_joints.mesh.cells import Floats

@@ -26,10 +26,13 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.common.summary import Rows, Summarised, names, number
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_rule
-from dolfinx_joints.mesh.joint_facets import IntegratedPairs, integrated_pairs
-from dolfinx_joints.mesh.joint_frames import ufl_frame
-from dolfinx_joints.mesh.joint_pairs import JointPairs, no_such_joint
-from dolfinx_joints.mesh.joint_surface import JointSurface, compiled
+from dolfinx_joints.mesh.joint_pairs import JointPairs, no_such_joint, ufl_frame
+from dolfinx_joints.mesh.joint_surface import (
+    IntegratedPairs,
+    JointSurface,
+    compiled,
+    integrated_pairs,
+)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

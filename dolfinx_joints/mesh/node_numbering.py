@@ -11,7 +11,7 @@ from dolfinx.fem import FunctionSpace
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.common.arrays import Dealt, Ints
+from dolfinx_joints.common.arrays import Dealt, Floats, Ints
 from dolfinx_joints.common.mpi import (
     RowsAt,
     across,
@@ -22,7 +22,6 @@ from dolfinx_joints.common.mpi import (
     rows_at,
     sent_to,
 )
-from dolfinx_joints.mesh.cells import Floats
 
 
 class NodeNumbering:

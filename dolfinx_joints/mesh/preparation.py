@@ -15,10 +15,8 @@ from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.common.parameters import PLAIN_NAMES, is_plain_name, shown
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, find_facets
-from dolfinx_joints.mesh.distribution.partition import glued
-from dolfinx_joints.mesh.distribution.shares import PreparedMesh
-from dolfinx_joints.mesh.joint_frames import fixed_axes
-from dolfinx_joints.mesh.joint_pairs import JointPairs
+from dolfinx_joints.mesh.distribution.shares import PreparedMesh, glued
+from dolfinx_joints.mesh.joint_pairs import JointPairs, fixed_axes
 from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.mesh.splitting import SplitMesh, pair_coincident, split_cells
 

@@ -14,7 +14,7 @@ from dolfinx import fem
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_kind_of
-from dolfinx_joints.joints.point_exchange import PointExchange
+from dolfinx_joints.joints.form_operator import PointExchange
 from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 from dolfinx_joints.model.model import Model

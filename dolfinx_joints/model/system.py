@@ -27,7 +27,7 @@ from dolfinx_joints.mesh.cells import Floats, Ints
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk
-    from dolfinx_joints.loads.loaded_body import LoadedBody
+    from dolfinx_joints.loads.load import LoadedBody
     from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
 
 Pattern = tuple[PETSc.Vec, Callable[[float], float]]

@@ -29,7 +29,7 @@ from dolfinx_joints.export.grids import (
     joint_values,
     uniform_grid,
 )
-from dolfinx_joints.export.vtk_files import SUFFIX, DamagedFileError, VtkFile, check_free, vtk_path
+from dolfinx_joints.export.paraview import SUFFIX, DamagedFileError, VtkFile, check_free, vtk_path
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.loads.water.pressures_in_joints import water_in_joints
 from dolfinx_joints.loads.water.water import Water
@@ -68,7 +68,7 @@ class FieldMonitor(Monitor):
     static stages, with the stage number as time.
 
     A continued run appends to the files of the interrupted run. A killed run loses at most the
-    state being written (see `export.vtk_files.VtkFile`). If a file is damaged, a continued run
+    state being written (see `export.paraview.VtkFile`). If a file is damaged, a continued run
     renames it to ``NAME.damaged``, warns and creates a new file.
 
     Args:

@@ -61,10 +61,10 @@ from dolfinx_joints.postprocessing.frames import (
     zero_name,
 )
 from dolfinx_joints.postprocessing.joints.extremes import drawn_series
-from dolfinx_joints.postprocessing.joints.maps import TIED_STYLE, draw_map
-from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
-from dolfinx_joints.postprocessing.joints.panels import joint_panels as joint_panels
-from dolfinx_joints.postprocessing.joints.profiles import joint_profiles as joint_profiles
+from dolfinx_joints.postprocessing.joints.figures import TIED_STYLE, draw_map
+from dolfinx_joints.postprocessing.joints.figures import joint_maps as joint_maps
+from dolfinx_joints.postprocessing.joints.figures import joint_panels as joint_panels
+from dolfinx_joints.postprocessing.joints.figures import joint_profiles as joint_profiles
 from dolfinx_joints.postprocessing.joints.surface import (
     MAP_LABELS,
     JointSurface,

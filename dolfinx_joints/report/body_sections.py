@@ -16,15 +16,7 @@ from dolfinx_joints.postprocessing.frames import common_frame, nodal_displacemen
 from dolfinx_joints.postprocessing.joints.surface import facets_of_joint
 from dolfinx_joints.postprocessing.palette import colours
 from dolfinx_joints.postprocessing.rendering import round_scale
-from dolfinx_joints.report.page import (
-    Html,
-    Section,
-    details,
-    figure,
-    paragraph,
-    table,
-    text,
-)
+from dolfinx_joints.report.page import Html, Section, details, figure, paragraph, table, text
 from dolfinx_joints.report.panels import floats, integers
 from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing
 from dolfinx_joints.results.joint_points import gaps

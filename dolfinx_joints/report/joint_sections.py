@@ -10,7 +10,7 @@ import numpy as np
 
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.joints.extremes import drawn_series, joint_extremes, strength_of
-from dolfinx_joints.postprocessing.joints.maps import JointMaps
+from dolfinx_joints.postprocessing.joints.figures import JointMaps
 from dolfinx_joints.report.page import Html, Section, details, figure, paragraph, table
 from dolfinx_joints.report.panels import Curve, panels
 from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing

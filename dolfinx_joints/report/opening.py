@@ -27,14 +27,7 @@ from dolfinx_joints.report.page import (
     table,
     valued,
 )
-from dolfinx_joints.report.runs import (
-    Content,
-    Run,
-    components,
-    grouped,
-    largest_moment,
-    zeros,
-)
+from dolfinx_joints.report.runs import Content, Run, components, grouped, largest_moment, zeros
 from dolfinx_joints.report.static_section import gaps_note, jump_warnings
 from dolfinx_joints.results.quantities import ENERGY_TERMS
 from dolfinx_joints.results.resolved import beyond

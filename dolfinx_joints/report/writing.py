@@ -17,8 +17,19 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, ResultsError
 from dolfinx_joints.common.files import replacing
 from dolfinx_joints.common.parameters import check_kind_of
-from dolfinx_joints.report import opening, sections
-from dolfinx_joints.report.page import Drawings, page
+from dolfinx_joints.common.progress import Progress
+from dolfinx_joints.report import (
+    assumption_section,
+    body_sections,
+    check_section,
+    joint_sections,
+    opening,
+    parameter_sections,
+    response_sections,
+    run_sections,
+    static_section,
+)
+from dolfinx_joints.report.page import Drawings, Section, page
 from dolfinx_joints.report.runs import Addition, Content, Run, linear_and_jointed, opened
 
 
@@ -81,7 +92,7 @@ def write(
         ordered = [*first, *(run for run in runs if run not in first)]
         drawings = Drawings(picture_folder(target), printed)
         content = Content(ordered, drawings, main, reference)
-        shown = sections.ordered(content, added, of_body=with_3d)
+        shown = _ordered(content, added, of_body=with_3d)
         top = opening.opening(content, added.note, of_body=with_3d)
         facts = {"Client": client, "Author": author, "Date": date}
         html = page(_title(runs, dam), facts, top, shown, drawings)
@@ -132,3 +143,36 @@ def _written(target: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise ResultsError(f"The report {target} cannot be written: {error}.") from error
+
+
+SECTIONS: tuple[Callable[[Content], Section | None], ...] = (
+    static_section.statics,
+    response_sections.ground,
+    response_sections.displacements,
+    response_sections.response_spectra,
+    body_sections.space,
+    joint_sections.joints,
+    body_sections.stresses,
+    check_section.checks,
+    check_section.sliding,
+    parameter_sections.parameters,
+    body_sections.mesh,
+    run_sections.energies,
+    run_sections.cost,
+    run_sections.convergence,
+    run_sections.versions,
+)
+SECTIONS_OF_BODY = (body_sections.space, body_sections.stresses, body_sections.mesh)
+
+
+def _ordered(content: Content, added: Addition, *, of_body: bool) -> list[Section]:
+    """Return all sections of a report, with the caller's sections first and last."""
+    chosen = [make for make in SECTIONS if of_body or make not in SECTIONS_OF_BODY]
+    progress, made = Progress("report", len(chosen), "sections"), []
+    for make in chosen:
+        if (section := make(content)) is not None:
+            made.append(section)
+        progress.advance()
+    progress.finish()
+    first = assumption_section.assumptions(content, made)
+    return [*added.first, first, *(section for section in made if section.pieces), *added.last]

@@ -1,10 +1,18 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Streams of a results file: quantities recorded at the same times, with a buffer of rows."""
+"""Streams of a results file: quantities recorded at the same times, with a buffer of rows.
+
+HDF5 cannot recover from a failed write: it treats the file as truncated and cannot close it.
+Therefore disk space is reserved before HDF5 writes.
+"""
+
+from __future__ import annotations
 
 import itertools
 import math
+import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -15,6 +23,41 @@ from dolfinx_joints.common.arrays import Dealt, Floats, blocks_in
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.results.reader import listing
+
+_METADATA_BYTES = 1 << 20  # upper bound of HDF5's own data between two flushes
+
+
+class Room:
+    """Disk space reserved after the end of an HDF5 file that is being written."""
+
+    def __init__(self, path: Path, file: h5py.File) -> None:
+        """Open the file a second time, without reserving space."""
+        self._file = file
+        self._handle = os.open(path, os.O_RDWR)
+
+    def reserve(self, path: Path, nbytes: int) -> None:
+        """Reserve space for ``nbytes`` bytes of values and for the data that HDF5 adds."""
+        size = os.fstat(self._handle).st_size
+        end = self._file.id.get_filesize() + nbytes + _METADATA_BYTES
+        if end <= size:
+            return
+        try:
+            os.posix_fallocate(self._handle, size, end - size)
+        except OSError as error:
+            raise ResultsError(
+                f"{path} cannot grow by {nbytes / 1e6:.3g} MB: {error.strerror}. The records "
+                "written so far are complete."
+            ) from error
+
+    def close(self) -> None:
+        """Release the unused space; call this after HDF5 has closed the file."""
+        os.lseek(self._handle, 0, os.SEEK_SET)
+        superblock = os.read(self._handle, 36)
+        end = int.from_bytes(superblock[28:36], "little")
+        if superblock[8:9] in (b"\2", b"\3") and end < os.fstat(self._handle).st_size:
+            os.ftruncate(self._handle, end)
+        os.close(self._handle)
+
 
 _CHUNK_BYTES = 65536
 EXPECTED_ROWS = 256  # expected number of rows if none is given

@@ -20,9 +20,8 @@ from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.files import FileLock, released
 from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.common.parameters import PLAIN_NAMES, check_kind_of, is_plain_name, shown
-from dolfinx_joints.results.disk_space import Room
 from dolfinx_joints.results.reader import FORMAT, VERSION, Results
-from dolfinx_joints.results.stream import EXPECTED_ROWS, Stream, new_dataset, write_whole
+from dolfinx_joints.results.stream import EXPECTED_ROWS, Room, Stream, new_dataset, write_whole
 
 _Row = Mapping[str, ArrayLike | Dealt]
 Status = Literal["running", "complete", "stopped", "failed"]

@@ -8,12 +8,10 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.mpi import summed
-
-Floats = NDArray[np.float64]
 
 
 class Solver(Protocol):
@@ -37,11 +35,7 @@ class ModalChange:
     """
 
     def __init__(
-        self,
-        columns: Floats,
-        delta: Floats,
-        of_supports: Callable[[PETSc.Vec], Floats],
-        comm: Any,
+        self, columns: Floats, delta: Floats, of_supports: Callable[[PETSc.Vec], Floats], comm: Any
     ) -> None:
         """Store the parts."""
         self.columns, self.delta, self._comm = columns, delta, comm

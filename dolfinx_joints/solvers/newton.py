@@ -15,10 +15,9 @@ from abc import ABC
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT, Response
@@ -40,8 +39,6 @@ from dolfinx_joints.solvers.step_solver import (
     StepSolver,
 )
 from dolfinx_joints.solvers.tangent import Tangent
-
-Floats = NDArray[np.float64]
 
 
 class NewtonSolver(StepSolver):

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.joints.operator import TangentMatrix
 from dolfinx_joints.solvers import limits
@@ -22,8 +22,6 @@ from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 
 if TYPE_CHECKING:
     from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
-
-Floats = NDArray[np.float64]
 
 
 class Tangent:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import log_ndtr, ndtr, ndtri
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import numbers_of, shown
 from dolfinx_joints.common.summary import Rows, Summarised
@@ -19,7 +20,6 @@ from dolfinx_joints.common.summary import Rows, Summarised
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 _NORMAL = float(ndtri(0.975))  # half the width of a 95 % interval, in standard deviations
 
 

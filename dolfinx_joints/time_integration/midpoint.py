@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any, ClassVar
 
@@ -15,7 +15,14 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import refuses_removed
-from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Floats, Response, Rule
+from dolfinx_joints.laws.law import (
+    BACKWARD_EULER,
+    DISCRETE_GRADIENT,
+    Floats,
+    JointState,
+    Response,
+    Rule,
+)
 from dolfinx_joints.model.exact_modes import ModalStep
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
@@ -27,7 +34,6 @@ from dolfinx_joints.time_integration.exact_steps import (
     add_modes,
     rescale,
 )
-from dolfinx_joints.time_integration.joints_before import joints_before
 from dolfinx_joints.time_integration.products import Products, combination, joint_works, predictor
 from dolfinx_joints.time_integration.scheme import StepReport, StepWork
 from dolfinx_joints.time_integration.states import DynamicState
@@ -310,3 +316,38 @@ def _rate_with_exact_square(rate: float) -> float:
     """
     mantissa, exponent = math.frexp(rate)
     return math.ldexp(round(mantissa * 2**26) / 2**26, exponent)
+
+
+def joints_before(
+    system: MatrixSystem, state: DynamicState, correction: PETSc.Vec | None, rate: float
+) -> JointState | None:
+    """Return the joint state with slips scaled to the step length, and approaches without rebound.
+
+    ``correction`` is v1 - (2 x / dt - v0), None if zero [m/s]; ``rate`` is 2 / dt [1/s].
+    """
+    if state.joints is None:
+        return None
+    joints = state.joints.state
+    if len(joints.slips) and state.rate not in (0.0, rate):
+        joints = replace(joints, slips=_rescale(joints.slips, state.rate / rate))
+    if system.contact is None or not system.contact.stops:
+        return joints
+    velocity = state.velocity.copy()
+    if correction is not None:
+        velocity.axpy(-1.0, correction)  # Without rebound, 0 = v1 = 2 x / dt - (v0 - correction).
+    if len(system.massless):
+        # Velocities of massless dofs are means of the last step: extrapolate them to its end.
+        massless = system.massless
+        velocity.getArray()[massless] += state.acceleration.array[massless] / rate
+    approach = 2.0 / rate * system.contact.operator.jump(velocity)[:, 0]
+    return replace(joints, approach=approach)
+
+
+def _rescale(slips: Floats, times: float) -> Floats:
+    """Return the last two slips for steps ``times`` as long; slip is a parabola in time."""
+    slips = slips.copy()
+    last, before = slips[:, :2], slips[:, 2:4]
+    change = times**2 * (last - before)
+    end = times * (1.5 * last - 0.5 * before)
+    slips[:, :2], slips[:, 2:4] = end - 0.5 * change, end - 1.5 * change
+    return slips

@@ -15,7 +15,6 @@ from typing import Any
 import gmsh
 import numpy as np
 
-from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.common.progress import LOGGER
 from dolfinx_joints.geometry.meshing.arguments import mesh_path
@@ -356,24 +355,6 @@ def scaled_jacobians(kind: int, entity: int) -> FloatArray:
     factor = 1.0 if kind in _HEXAHEDRA else np.sqrt(2.0)
     with np.errstate(invalid="ignore"):  # NaN in a cell without volume
         return (factor * determinants / columns).reshape(-1, samples.size // 3).min(axis=1)
-
-
-def argument_parser(description: str, out: str, size: float | None) -> argparse.ArgumentParser:
-    """Return a parser with the common flags of all scripts.
-
-    Args:
-        description: first line of the help.
-        out: default name of the file.
-        size: default cell size [m]; None if the model has another default.
-    """
-    parser = Parser(description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    parser.add_argument("--size", type=float, default=size, help="cell size [m]")
-    parser.add_argument("--order", type=int, default=1, help="order of the elements, 1 or 2")
-    parser.add_argument("--cell", default="hex", help="hex or tet")
-    parser.add_argument("--out", type=Path, default=Path(out), help="mesh file to write")
-    parser.add_argument("--gui", action="store_true", help="show the mesh in Gmsh's window")
-    parser.add_argument("--duplicated", action="store_true", help="duplicate the joint faces")
-    return parser
 
 
 def run_script(

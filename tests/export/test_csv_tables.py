@@ -11,7 +11,7 @@ import pytest
 from declared import declare_energy, declare_envelopes, declare_histories, declare_states
 
 from dolfinx_joints import Motion, RecordError, Results, ResultsError, cli
-from dolfinx_joints.export.csv_files import write_csv
+from dolfinx_joints.export.tables import write_csv
 from dolfinx_joints.postprocessing.joints.resultants import block_resultants, joint_resultants
 from dolfinx_joints.results.overview import overview
 from dolfinx_joints.results.writer import ResultsWriter

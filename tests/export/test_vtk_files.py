@@ -16,7 +16,7 @@ from vtk_files import read_vtk
 
 from dolfinx_joints import ResultsError
 from dolfinx_joints.export.grids import Grid, StaticArrays, joined, joint_grid, uniform_grid
-from dolfinx_joints.export.vtk_files import DamagedFileError, VtkFile
+from dolfinx_joints.export.paraview import DamagedFileError, VtkFile
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]])
 

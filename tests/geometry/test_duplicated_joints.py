@@ -20,7 +20,7 @@ from dolfinx_joints.geometry.sections_dam import sections_dam
 from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.geometry.voussoir_arch import voussoir_arch
 from dolfinx_joints.mesh.distribution.shares import share_of
-from dolfinx_joints.mesh.joint_frames import facet_geometry
+from dolfinx_joints.mesh.joint_pairs import facet_geometry
 
 pytestmark = pytest.mark.mpi
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The Gmsh models: volumes, joint areas, complete groups, nodes on the exact shape, bad input."""
 
+import inspect
 import subprocess
 import sys
 from pathlib import Path
@@ -26,6 +27,7 @@ from dolfinx_joints.geometry.gravity_dam import (
 )
 from dolfinx_joints.geometry.jointed_wall import jointed_wall
 from dolfinx_joints.geometry.meshing import extrusion, gmsh_model
+from dolfinx_joints.geometry.meshing.arguments import add_flags, argument_parser
 from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.geometry.voussoir_arch import voussoir_arch
 
@@ -444,3 +446,22 @@ def test_errors_of_the_script(tmp_path, capsys):
         script.main(["--cell", "prism", "--out", str(tmp_path / "w.msh")])
     assert stop.value.code == 2
     assert capsys.readouterr().err.endswith("cell is 'prism'; it must be one of hex, tet.\n")
+
+
+def test_flags_are_the_parameters_of_the_model(capsys):
+    parser = argument_parser(voussoir_arch, "An arch.", "arch.msh")
+    given = vars(parser.parse_args(["--half-angle", "60", "--divisions", "3", "2", "1", "--gui"]))
+    parameters = inspect.signature(voussoir_arch).parameters.values()
+    expected = {p.name: p.default for p in parameters} | {"out": Path("arch.msh")}
+    assert given == expected | {"half_angle": 60.0, "divisions": [3, 2, 1], "gui": True}
+    for wrong in (["--half-angle", "wide"], ["--divisions", "3"], ["--voussoirs", "1.5"], ["--no"]):
+        with pytest.raises(SystemExit) as stop:
+            parser.parse_args(wrong)
+        assert stop.value.code == 2
+    add_flags(parser, ArchDam)
+    assert parser.parse_args([]).overhang == ArchDam().overhang
+    with pytest.raises(SystemExit):
+        parser.parse_args(["--help"])
+    assert "overhang of the crown relative to the height (default: 0.36)" in " ".join(
+        capsys.readouterr().out.split()
+    )

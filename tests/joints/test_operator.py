@@ -48,7 +48,7 @@ from dolfinx_joints.joints.points import joint_points
 from dolfinx_joints.laws.law import JointState, Status
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.dolfinx_versions import gmsh_permutation
-from dolfinx_joints.mesh.joint_frames import fixed_axis, frames
+from dolfinx_joints.mesh.joint_pairs import fixed_axis, frames
 from dolfinx_joints.mesh.reading.gmsh_file import load_msh
 from dolfinx_joints.mesh.splitting import split_cells
 

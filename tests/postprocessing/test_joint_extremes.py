@@ -12,8 +12,7 @@ import pytest
 from declared import declare_states
 
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.export.csv_files import write_csv
-from dolfinx_joints.export.tables import tables_of
+from dolfinx_joints.export.tables import tables_of, write_csv
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants, resultant_measures
 from dolfinx_joints.postprocessing.joints.surface import map_value

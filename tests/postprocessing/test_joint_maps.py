@@ -15,7 +15,7 @@ from written_runs import JOINT, NODES, SURFACE, write_run, write_stages
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.postprocessing.axes import pixels
-from dolfinx_joints.postprocessing.joints.maps import JointMaps
+from dolfinx_joints.postprocessing.joints.figures import JointMaps
 from dolfinx_joints.postprocessing.palette import signed_colours
 from dolfinx_joints.results.reader import Results
 

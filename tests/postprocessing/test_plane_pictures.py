@@ -18,7 +18,7 @@ from dolfinx import mesh as dm
 
 import dolfinx_joints as dj
 from dolfinx_joints.postprocessing import plots, rendering, views
-from dolfinx_joints.postprocessing.joints.profiles import PROFILES, along
+from dolfinx_joints.postprocessing.joints.figures import PROFILES, along
 from dolfinx_joints.postprocessing.joints.surface import map_value
 
 COLUMNS = 4

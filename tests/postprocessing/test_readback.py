@@ -17,7 +17,7 @@ import pytest
 from reading_back import equal_means, lines, low_passed, si
 from written_runs import write_distinct
 
-from dolfinx_joints.export.csv_files import write_csv
+from dolfinx_joints.export.tables import write_csv
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.spectra import equally_spaced, response_spectrum
 from dolfinx_joints.postprocessing import measures, motion_plots, plots, rendering, views

@@ -11,7 +11,7 @@ import pytest
 from written_runs import WEIGHT, write_stages
 
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.export.csv_files import write_csv
+from dolfinx_joints.export.tables import write_csv
 from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter

@@ -24,7 +24,7 @@ import pytest
 from vtk_files import read_vtk
 
 from dolfinx_joints import ResultsError, export, report
-from dolfinx_joints.export.csv_files import write_csv
+from dolfinx_joints.export.tables import write_csv
 from dolfinx_joints.postprocessing.measures import joint_history, joint_measures
 from dolfinx_joints.results.quantities import row_of
 from dolfinx_joints.results.reader import Results

@@ -338,7 +338,7 @@ def test_the_same_on_one_rank_and_on_all(comm, waves, wall_file, read):
             water=dj.ReservoirWaves(**water, length=30.0) if waves else None,
             body=dj.Body(redistribute_mass=True),
         )
-        given = dj.model.nodal_field.nodal_vector(model, "velocity", lambda x: 0.0 * x)
+        given = dj.simulation.first_state.nodal_vector(model, "velocity", lambda x: 0.0 * x)
         settings = {"initial velocity": given, "time step": 0.1}
         system = model.system(waves=0.1 if waves else None)
         nodes, times = NodeNumbering(model.V), np.linspace(0.0, 1.0, 5)

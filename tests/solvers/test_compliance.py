@@ -22,8 +22,7 @@ import dolfinx_joints as dj
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.compliance import Compliance
 from dolfinx_joints.solvers.compliance.row_matrix import RowMatrix
-from dolfinx_joints.solvers.compliance.schur_complement import CONTROLS, schur_complement
-from dolfinx_joints.solvers.compliance.unit_forces import UnitForces
+from dolfinx_joints.solvers.compliance.unit_forces import CONTROLS, UnitForces, schur_complement
 from dolfinx_joints.solvers.effective_matrix import (
     STATIC,
     EffectiveMatrix,

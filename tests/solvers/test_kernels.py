@@ -23,7 +23,7 @@ from dolfinx_joints.solvers.compliance.blocks_between_ranks import (
 )
 from dolfinx_joints.solvers.compliance.low_rank import Shares
 from dolfinx_joints.solvers.compliance.row_matrix import RowMatrix
-from dolfinx_joints.solvers.interface import joint_step, krylov_corrections
+from dolfinx_joints.solvers.interface import corrections, joint_step
 
 RANDOM = np.random.default_rng(20)
 
@@ -66,7 +66,7 @@ def test_products_with_few_rows(count):
 
 def test_blocks_of_points():
     tangent, values = RANDOM.normal(size=(5, 3, 3)), RANDOM.normal(size=15)
-    turned = krylov_corrections._times_blocks(tangent, values)
+    turned = corrections._times_blocks(tangent, values)
     np.testing.assert_allclose(
         turned, np.einsum("nij,nj->ni", tangent, values.reshape(5, 3)).ravel()
     )

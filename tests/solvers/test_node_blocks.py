@@ -14,8 +14,7 @@ from scipy import sparse
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.solvers import limits
-from dolfinx_joints.solvers.direct import DirectSolver
-from dolfinx_joints.solvers.node_blocks import NodeBlocks
+from dolfinx_joints.solvers.direct import DirectSolver, NodeBlocks
 
 pytestmark = pytest.mark.skipif(
     not PETSc.Sys.hasExternalPackage("cholmod"), reason="kept beside CHOLMOD alone"

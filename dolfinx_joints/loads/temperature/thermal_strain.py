@@ -18,8 +18,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import real, shown
-from dolfinx_joints.loads.load import Load, TimeFactor, always
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import Load, LoadedBody, TimeFactor, always
 from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 

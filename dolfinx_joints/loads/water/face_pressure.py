@@ -16,8 +16,7 @@ from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.mpi import lasting, raised_together
 from dolfinx_joints.common.parameters import check_each, shown
-from dolfinx_joints.loads.load import TimeFactor, always
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import LoadedBody, TimeFactor, always
 from dolfinx_joints.loads.water.wetted_facets import wetted_facets
 from dolfinx_joints.mesh.cells import Floats
 

@@ -18,17 +18,15 @@ import annotated_types as at
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_joints.common.arrays import Flags
+from dolfinx_joints.common.arrays import Flags, Floats
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_each, number_at, shown
 from dolfinx_joints.laws.law import Response
-from dolfinx_joints.loads.load import Codes, JointLoad, TimeFactor, Vector, always
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import Codes, JointLoad, LoadedBody, TimeFactor, Vector, always
 from dolfinx_joints.loads.water.open_paths import OpenPaths
-from dolfinx_joints.mesh.cells import Floats
 
 PorePressure = float | Callable[[Floats], Any]
 

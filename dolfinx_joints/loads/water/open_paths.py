@@ -9,12 +9,11 @@ from typing import Any
 import basix
 import numpy as np
 
-from dolfinx_joints.common.arrays import Flags
+from dolfinx_joints.common.arrays import Flags, Floats, Ints
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import RowsAt, blocks_of, of_ranks, rows_at, sent_to, set_rows
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import LoadedBody
 from dolfinx_joints.mesh.blocks import connected, first_at_places
-from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 
 # Distance, relative to the shortest edge, within which nodes count as coincident.

@@ -14,11 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_joints.common.arrays import Ints
-from dolfinx_joints.loads.load import Codes, FollowsJoints, Load
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.common.arrays import Floats, Ints
+from dolfinx_joints.loads.load import Codes, FollowsJoints, Load, LoadedBody
 from dolfinx_joints.loads.water.joint_water import Uplift, label, opening_force
-from dolfinx_joints.mesh.cells import Floats
 
 
 @dataclass(frozen=True)

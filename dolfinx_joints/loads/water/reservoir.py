@@ -19,8 +19,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.memory import SHARE, available_bytes
 from dolfinx_joints.common.mpi import lasting, on_root
 from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.loads.load import Vector
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import LoadedBody, Vector
 from dolfinx_joints.loads.water.reservoir_slabs import half_of_inverse, resistance
 from dolfinx_joints.loads.water.wet_face import (
     WetFace,

@@ -21,7 +21,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_kind_of, shown
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import LoadedBody
 from dolfinx_joints.loads.water.water import (
     Water,
     WaterCells,

@@ -15,8 +15,7 @@ from scipy.sparse import coo_array, csr_array, kron
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.loads.load import Vector
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import LoadedBody, Vector
 from dolfinx_joints.loads.water.far_field import Section
 from dolfinx_joints.loads.water.reservoir_slabs import WaterFace, face_matrices
 from dolfinx_joints.loads.water.water import (

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 from scipy.sparse import csr_array
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import LoadedBody
 from dolfinx_joints.mesh.cells import Floats, Ints
 
 if TYPE_CHECKING:

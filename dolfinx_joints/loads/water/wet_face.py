@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.mpi import on_root, summed
 from dolfinx_joints.common.parameters import check_vector, shown
-from dolfinx_joints.loads.load import Vector
-from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.load import LoadedBody, Vector
 from dolfinx_joints.loads.water.reservoir_slabs import (
     SURFACE,
     WaterFace,

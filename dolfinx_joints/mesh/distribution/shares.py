@@ -13,15 +13,61 @@ import basix.ufl
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.mpi import dealt, equal_blocks, on_root, rank_of, rows_at
+from dolfinx_joints.common.mpi import (
+    blocks_of,
+    dealt,
+    equal_blocks,
+    on_root,
+    rank_of,
+    rows_at,
+    sent_to,
+)
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.mesh import dolfinx_versions
+from dolfinx_joints.mesh.blocks import connected
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.distribution.killed_compilations import remove_killed_compilations
 from dolfinx_joints.mesh.distribution.mesh_checks import check_cells, warn_of_touching_facets
-from dolfinx_joints.mesh.distribution.partition import glued, partitioner_across
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, mesh_tags
+
+
+def glued(pairs: JointPairs, start: int, stop: int) -> Ints:
+    """Return the node numbers of nodes ``start`` to ``stop`` after gluing the joints."""
+    sides = np.stack([pairs.minus_vertices, pairs.plus_vertices])
+    nodes, place = np.unique(sides, return_inverse=True)
+    one, other = place.reshape(2, -1)
+    _, first, label = np.unique(
+        connected(one, other, len(nodes)), return_index=True, return_inverse=True
+    )
+    number, in_range = np.arange(start, stop), (nodes >= start) & (nodes < stop)
+    number[nodes[in_range] - start] = nodes[first[label[in_range]]]
+    return number
+
+
+def partitioner_across(pairs: JointPairs, number: Ints) -> Callable[..., Any]:
+    """Return a partitioner for `dolfinx.mesh.create_mesh`; `glued` returns ``number``.
+
+    The mesh is divided as if the joints were glued. Both cells of a facet pair are on the rank that
+    owns the - cell, so integrals over joints need no communication.
+    """
+    by_facets = dolfinx_versions.cell_partitioner()
+
+    def partition(comm: Any, parts: int, cell_types: Any, cells: list[Any]) -> Any:
+        glued_cells = [np.ascontiguousarray(rows_at(comm, number, vertices)) for vertices in cells]
+        owner = by_facets(comm, parts, cell_types, glued_cells).array
+        minus, plus = (rows_at(comm, owner, side[:, 0]) for side in (pairs.minus, pairs.plus))
+        blocks = blocks_of(comm, len(owner))
+        across = np.column_stack([pairs.plus[:, 0], minus])[minus != plus]
+        ghosts = np.unique(sent_to(comm, rank_of(blocks, across[:, 0]), across), axis=0)
+        ghosted = np.concatenate([np.arange(len(owner)), ghosts[:, 0] - blocks[comm.rank]])
+        ranks = np.concatenate([owner, ghosts[:, 1]])
+        order = np.argsort(ghosted, kind="stable")  # the owner comes first
+        ends = np.cumsum(np.bincount(ghosted, minlength=len(owner)))
+        return dolfinx_versions.adjacency_list(ranks[order], np.concatenate([[0], ends]))
+
+    return partition
+
 
 # Meshes kept alive on one rank. If a call that creates a mesh fails, the mesh would be freed while
 # the exception propagates; mpi4py would then raise a SystemError that replaces the message.
@@ -39,7 +85,7 @@ class PreparedMesh:
         facet_values: Tags of the cells' facets, 0 for none, shape (cells, facets of a cell). A
             facet of two cells may be tagged in only one cell.
         x: Node coordinates, shape (nodes, gdim), [m].
-        glued: Node numbers with joints glued together, from `partition.glued`.
+        glued: Node numbers with joints glued together, from `glued`.
         pairs: This rank's block of the facet pairs.
         cell_groups: Tags that make up each named cell group.
         facet_groups: Tags that make up each named facet group and each side of a joint.

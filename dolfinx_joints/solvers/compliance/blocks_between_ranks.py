@@ -10,13 +10,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Ints
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.solvers.compliance.own_blocks import SUMS, dense_and_mirror
-
-Ints = NDArray[np.int64]
 
 # Kind of data that a rank stores for a block shared with another rank: a factor; the whole dense
 # block, transposed; or only the position of the unknowns.

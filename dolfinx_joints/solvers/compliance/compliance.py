@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.solvers import limits
@@ -27,9 +28,6 @@ from dolfinx_joints.solvers.compliance.row_matrix import Parts, RowMatrix
 from dolfinx_joints.solvers.compliance.unit_forces import UnitForces
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.int64]
 
 
 class Split(Protocol):
@@ -46,7 +44,7 @@ class Split(Protocol):
     def whole(self) -> Floats | None:
         """Return the matrix, shape (size, size), None if it is not stored (collective)."""
 
-    def product(self, values: Floats, rows: Rows) -> Floats:
+    def product(self, values: Floats, rows: Ints) -> Floats:
         """Return S times a vector that is zero except in some of the rank's rows (collective).
 
         Rows are local numbers; the vector and the product have the shape (local,).
@@ -141,7 +139,7 @@ class Compliance:
         stop = self._comm.scan(columns.shape[1])
         local = slice(stop - columns.shape[1], stop)
 
-        def of_unit_diagonal(numbers: Rows) -> Floats:
+        def of_unit_diagonal(numbers: Ints) -> Floats:
             part = columns[numbers].T
             positions = np.flatnonzero((numbers >= local.start) & (numbers < local.stop))
             part[numbers[positions] - local.start, positions] += 1.0
@@ -172,7 +170,7 @@ class Compliance:
 
     def _compressed(
         self,
-        columns: Callable[[Rows], Floats],
+        columns: Callable[[Ints], Floats],
         scale: Floats,
         tolerance: float,
         dtype: type = np.float64,
@@ -208,7 +206,7 @@ class Compliance:
         self._forces.destroy()
 
 
-def _diagonal_index(operator: PETSc.Mat) -> tuple[Rows, Rows]:
+def _diagonal_index(operator: PETSc.Mat) -> tuple[Ints, Ints]:
     """Return the positions (rows, columns) of the diagonal in the rank's columns."""
     start, stop = operator.getOwnershipRange()
     return np.arange(start, stop), np.arange(stop - start)
@@ -243,7 +241,7 @@ class _Products:
         self.live, self.local = ~dead.ravel(), len(scale)
         self.size = comm.allreduce(self.local)
 
-    def product(self, values: Floats, rows: Rows) -> Floats:
+    def product(self, values: Floats, rows: Ints) -> Floats:
         """Return S times a vector, both with the rank's entries, shape (local,) (collective)."""
         gaps = self._multiply(values / self._scale)
         return np.where(self.live, gaps / self._scale - values, 0.0)

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.blocks_between_ranks import (
     DENSE,
@@ -34,9 +35,6 @@ from dolfinx_joints.solvers.compliance.own_blocks import (
     multiply_blocks,
     rank_of,
 )
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(eq=False)

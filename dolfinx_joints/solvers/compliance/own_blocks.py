@@ -18,11 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.solvers import limits
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 DENSE = -1
 

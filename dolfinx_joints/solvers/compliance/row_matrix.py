@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.solvers.compliance.own_blocks import SUMS
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.int64]
 
 
 class RowMatrix:
@@ -38,7 +36,7 @@ class RowMatrix:
         self.local = columns.shape[1]
         self._unknowns = Parts(columns.shape[1], comm)
 
-    def product(self, values: Floats, rows: Rows) -> Floats:
+    def product(self, values: Floats, rows: Ints) -> Floats:
         """Return the matrix times a vector with nonzero entries in some rows only (collective).
 
         Args:
@@ -100,7 +98,7 @@ class Parts:
 
 
 @njit(cache=True)
-def add_rows(matrix: NDArray[Any], rows: Rows, values: Floats, out: NDArray[Any]) -> None:
+def add_rows(matrix: NDArray[Any], rows: Ints, values: Floats, out: NDArray[Any]) -> None:
     """Add the given rows of a matrix, times their values, to ``out``; four rows in one pass."""
     k, number = 0, matrix.dtype.type
     while k + 4 <= len(rows):

@@ -1,9 +1,15 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Gaps due to joint forces, G F with G = B A^-1 B^T (20): columns, products and diagonal of G."""
+"""Gaps due to joint forces, G F with G = B A^-1 B^T (20): columns, products and diagonal of G.
+
+All of G at once is a Schur complement computed by MUMPS (20a): the factorization eliminates the
+dofs in dense fronts, which the ranks share and which contain the joint unknowns. Back-substitutions
+would read the factor twice for each block of columns.
+"""
 
 from __future__ import annotations
 
+import ctypes
 from functools import cached_property
 from typing import Any
 
@@ -11,19 +17,106 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.common.mpi import of_ranks, summed
+from dolfinx_joints.common.mpi import of_ranks, on_root, summed
 from dolfinx_joints.common.progress import LOGGER
 from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.own_blocks import unknowns_of
-from dolfinx_joints.solvers.compliance.schur_complement import schur_complement
+from dolfinx_joints.solvers.diagnosis import reported_by_package
 from dolfinx_joints.solvers.direct import DirectSolver, multiplied
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 
-Floats = NDArray[np.float64]
-Rows = NDArray[np.int64]
+# MUMPS' ICNTL(31): do not keep the factor. ICNTL(14): extra workspace in per cent of the estimate.
+CONTROLS = {31: 1, 14: 60}
+
+# MUMPS' CNTL(1), set to 0: a positive A needs no pivoting, and entries of B have other units.
+THRESHOLD = 1
+
+
+def schur_complement(matrix: PETSc.Mat, operator: PETSc.Mat) -> Floats:
+    """Return the columns of G at the rank's points, shape (size, local), [m/N] (collective).
+
+    Rank 0 temporarily stores all of G.
+
+    Args:
+        matrix: A, symmetric and positive.
+        operator: B.
+
+    Raises:
+        JointsError: MUMPS failed, for example because memory was insufficient.
+    """
+    transposed = PETSc.Mat().createTranspose(operator)
+    bordered = PETSc.Mat().createNest([[matrix, transposed], [operator, None]], comm=matrix.comm)
+    bordered.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    pc, numbers = PETSc.PC().create(matrix.comm), _joint_unknowns(matrix, operator)
+    pc.setOptionsPrefix("dolfinx_joints_compliance_")
+    pc.setOperators(bordered)
+    pc.setType("cholesky")
+    pc.setFactorSolverType("mumps")
+    pc.setFactorSetUpSolverType()
+    factor, stage = pc.getFactorMatrix(), PETSc.Log.Stage("compliance of the joints")
+    for number, value in CONTROLS.items():
+        factor.setMumpsIcntl(number, value)
+    factor.setMumpsCntl(THRESHOLD, 0.0)
+    try:
+        _call_petsc("MatFactorSetSchurIS", factor.handle, numbers.handle)
+        stage.push()
+        try:
+            pc.setUp()
+            pc.viewFromOptions("-pc_view")
+        finally:
+            stage.pop()
+        if pc.getFailedReason():
+            raise JointsError(f"the bordered matrix could not be factored{reported_by_package(pc)}")
+        rows = _scattered_rows(factor, operator)
+    finally:
+        for owned in (factor, pc, bordered, transposed, numbers):
+            owned.destroy()
+    return np.subtract(0.0, rows.T, order="C")
+
+
+def _joint_unknowns(matrix: PETSc.Mat, operator: PETSc.Mat) -> PETSc.IS:
+    """Return the numbers of all joint unknowns on rank 0; they follow the dofs of each rank."""
+    counts = np.diff(operator.getOwnershipRanges())
+    numbers = np.arange(operator.getSize()[0]) + np.repeat(matrix.getOwnershipRanges()[1:], counts)
+    local = numbers if matrix.comm.rank == 0 else numbers[:0]
+    return PETSc.IS().createGeneral(local.astype(PETSc.IntType), comm=matrix.comm)
+
+
+def _scattered_rows(factor: PETSc.Mat, operator: PETSc.Mat) -> Floats:
+    """Return the rank's rows of the Schur complement -G, sent by rank 0 (collective)."""
+    comm = operator.comm.tompi4py()
+    local, size = operator.getLocalSize()[0], operator.getSize()[0]
+    rows, counts = np.empty((local, size)), comm.gather(local * size, root=0)
+    whole: list[Floats] = []
+    on_root(comm, lambda: whole.append(_symmetric_matrix(factor, size)))  # fails on all ranks
+    comm.Scatterv(None if counts is None else [whole[0], counts], rows, root=0)
+    return rows
+
+
+def _symmetric_matrix(factor: PETSc.Mat, size: int) -> Floats:
+    """Return the full Schur complement; PETSc stores only the lower triangle, by columns."""
+    dense, entries = ctypes.c_void_p(), ctypes.POINTER(ctypes.c_double)()
+    _call_petsc("MatFactorGetSchurComplement", factor.handle, ctypes.byref(dense), None)
+    _call_petsc("MatDenseGetArray", dense, ctypes.byref(entries))
+    whole = np.ctypeslib.as_array(entries, (size, size))
+    for first in range(0, size, limits.BLOCK_COLUMNS):
+        stop = min(first + limits.BLOCK_COLUMNS, size)
+        corner = whole[first:stop, first:stop]
+        corner[:] = np.triu(corner) + np.triu(corner, 1).T
+        whole[stop:, first:stop] = whole[first:stop, stop:].T
+    return whole
+
+
+def _call_petsc(name: str, *arguments: Any) -> None:
+    """Call a function of PETSc's library that petsc4py does not provide."""
+    function = getattr(ctypes.CDLL(PETSc.__file__), name)
+    pointers = (ctypes.c_void_p(a) if isinstance(a, int) else a for a in arguments)
+    if code := function(*pointers):
+        raise PETSc.Error(code)
 
 
 class UnitForces:
@@ -63,7 +156,7 @@ class UnitForces:
         lines = np.repeat(np.arange(len(starts) - 1), np.diff(starts))[order]
         return numbers[order], lines, entries[order]
 
-    def gaps(self, numbers: Rows) -> Floats:
+    def gaps(self, numbers: Ints) -> Floats:
         """Return columns of G at the rank's points, shape (local, k), [m/N] (collective).
 
         Args:
@@ -105,7 +198,7 @@ class UnitForces:
         if not error <= limits.AT_ONCE_ERROR * largest:
             raise JointsError(f"the Schur complement has an error of {error:.1e}/{largest:.1e} m/N")
 
-    def _block(self, numbers: Rows) -> Floats:
+    def _block(self, numbers: Ints) -> Floats:
         """Return some columns of G, computed in one block solve."""
         solver = self._effective.solver
         if isinstance(solver, DirectSolver) and solver.package == "mumps":
@@ -124,7 +217,7 @@ class UnitForces:
             return None
         return np.ascontiguousarray(multiplied(self._operator, parts[0])), parts[1]
 
-    def _modal_gaps(self, numbers: Rows) -> Floats:
+    def _modal_gaps(self, numbers: Ints) -> Floats:
         """Return the part of columns of G due to modes, to be subtracted (collective)."""
         if self._modal is None:
             return np.zeros((self.local, len(numbers)))
@@ -137,7 +230,7 @@ class UnitForces:
         modal_gaps: Floats = gaps @ (small @ amounts.T)
         return modal_gaps
 
-    def _right_hand_sides(self, numbers: Rows) -> Floats:
+    def _right_hand_sides(self, numbers: Ints) -> Floats:
         """Return the owned rows of B^T for some unknowns, shape (local dofs, k)."""
         rows, lines, entries = self._columns
         firsts = np.searchsorted(rows, numbers)
@@ -147,7 +240,7 @@ class UnitForces:
         block[lines[entry], np.repeat(np.arange(len(numbers)), counts)] = entries[entry]
         return block
 
-    def _rows_on_rank_0(self, numbers: Rows) -> PETSc.Mat:
+    def _rows_on_rank_0(self, numbers: Ints) -> PETSc.Mat:
         """Return rows of B for some unknowns as a matrix on rank 0 (collective)."""
         starts, columns, values = self._rows
         first, stop = self._operator.getOwnershipRange()

@@ -16,9 +16,9 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.laws.law import Response
@@ -30,12 +30,9 @@ from dolfinx_joints.solvers.effective_matrix import (
     MatrixCoefficients,
     unconstrained_dofs,
 )
-from dolfinx_joints.solvers.interface.corrections import CompiledCorrections
-from dolfinx_joints.solvers.interface.krylov_corrections import KrylovCorrections
+from dolfinx_joints.solvers.interface.corrections import CompiledCorrections, KrylovCorrections
 from dolfinx_joints.solvers.interface.springs import JointSprings
 from dolfinx_joints.solvers.step_solver import SolverOptions
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

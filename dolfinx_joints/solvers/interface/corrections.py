@@ -1,13 +1,18 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Newton's corrections d of the joint forces, (I + T S) d = r (24), by compiled functions.
+"""Newton's corrections d of the joint forces, (I + T S) d = r (24).
 
 S is the scaled compliance less the identity (22), T the scaled tangent and r the scaled residual,
 see `joint_step`. T0 is T if all points stick, W = S (I + T0 S)^-1. Equation numbers are those of
 docs/theory. Of M unknowns on all ranks, this rank has m.
 
-Inside corrections S is in single precision or compressed; Newton's iteration removes the error. The
-module `compiled.corrections` solves on one of two sets of points; this module keeps the data.
+`CompiledCorrections` uses compiled functions. Inside corrections S is in single precision or
+compressed; Newton's iteration removes the error. The module `compiled.corrections` solves on one of
+two sets of points; this module keeps the data.
+
+`KrylovCorrections` uses PETSc's GMRES: in statics, where corrections must be accurate; if S is not
+stored, or compressed and not symmetric; and if rigid joints meet, because their sticking points tie
+each other.
 """
 
 from __future__ import annotations
@@ -19,9 +24,11 @@ from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import NDArray
+from petsc4py import PETSc
 from scipy.linalg import cholesky, solve_triangular
 
-from dolfinx_joints.common.arrays import Dealt
+from dolfinx_joints.common.arrays import Dealt, Floats
+from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.common.mpi import blocks_of, rank_of, sent_to
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.compliance import Compliance, Compressed
@@ -36,8 +43,6 @@ from dolfinx_joints.solvers.interface.compiled.products import (
     store,
 )
 from dolfinx_joints.solvers.interface.compiled.ranks import lengths_of, ranks_of
-
-Floats = NDArray[np.float64]
 
 # Sets of points whose parts of S or W are kept: name in checkpoints, name in `Memory`.
 SETS = {"kept": "active", "changed": "changed"}
@@ -266,3 +271,81 @@ def _blocks_of(split: Compressed, columns: Floats | None, comm: Any) -> LowRank:
         float(comm.allreduce(len(own.data) + len(shares))),
         np.empty((0, 0), dtype=np.float32) if columns is None else columns.astype(np.float32),
     )
+
+
+class KrylovCorrections:
+    """Solver of the corrections by products with S.
+
+    Args:
+        compliance: S and its scale.
+        rigid: True if some joint is rigid.
+        comm: Communicator of the ranks.
+    """
+
+    rough = 0.0  # relative error of S d
+
+    def __init__(self, compliance: Compliance, rigid: bool, comm: Any) -> None:
+        """Set up the solver (collective)."""
+        self._split = compliance.split
+        self._inner, self._finest = compliance.split, 0.0
+        if compliance.rough is not None and not isinstance(compliance.split, RowMatrix):
+            self._inner, self._finest = compliance.rough, limits.FINEST_COMPRESSED
+        self._diagonal = 1.0 + limits.RIGID_DAMPING * rigid
+        self._all_rows = np.arange(self._split.local)
+        sizes = (self._split.local, self._split.size)
+        self._matrix = PETSc.Mat().createPython((sizes, sizes), self, comm=comm)
+        self._solver = PETSc.KSP().create(comm)
+        self._solver.setOptionsPrefix("dolfinx_joints_corrections_")
+        self._solver.setOperators(self._matrix)
+        self._solver.setType(PETSc.KSP.Type.GMRES)
+        self._solver.setGMRESRestart(limits.MOST_PRODUCTS)
+        self._solver.getPC().setType(PETSc.PC.Type.NONE)
+        self._solver.setFromOptions()
+        self._right_hand_side, self._solution = self._matrix.createVecs()
+
+    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Write (I + T S) x to y (collective)."""
+        values = x.getArray(readonly=True)
+        coupled = self._inner.product(values, self._all_rows)
+        y.setArray(self._diagonal * values + _times_blocks(self._tangent, coupled))
+
+    def solve(
+        self, residual: Floats, tangent: Floats, smallest: float, tolerance: float, *, couples: bool
+    ) -> Correction:
+        """Solve (I + T S) d = r; see `CompiledCorrections.solve` (collective)."""
+        self._tangent = tangent
+        self._right_hand_side.setArray(np.where(np.abs(residual) > smallest, residual, 0.0))
+        largest_count = min(limits.MOST_PRODUCTS, self._split.size)
+        rtol = max(tolerance, self._finest)
+        self._solver.setTolerances(rtol=rtol, atol=0.0, divtol=np.inf, max_it=largest_count)
+        self._solver.solve(self._right_hand_side, self._solution)
+        step = self._solution.getArray().copy()
+        return Correction(step, self.product(step), 0.0)
+
+    def product(self, values: Floats) -> Floats:
+        """Return S times a vector, shape (m,) (collective)."""
+        return self._split.product(values, np.flatnonzero(values))
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return an empty state: corrections do not depend on earlier ones."""
+        return {}
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Do nothing: there is no state."""
+
+    def free(self) -> None:
+        """Free the solver (collective)."""
+        for owned in (self._solver, self._matrix, self._right_hand_side, self._solution):
+            owned.destroy()
+
+
+@njit(cache=True)
+def _times_blocks(tangent: Floats, values: Floats) -> Floats:
+    """Return blocks (n, 3, 3) times a vector (3 n,)."""
+    out = np.empty_like(values)
+    for i in range(len(tangent)):
+        t, a, b, c = tangent[i], values[3 * i], values[3 * i + 1], values[3 * i + 2]
+        out[3 * i] = t[0, 0] * a + t[0, 1] * b + t[0, 2] * c
+        out[3 * i + 1] = t[1, 0] * a + t[1, 1] * b + t[1, 2] * c
+        out[3 * i + 2] = t[2, 0] * a + t[2, 1] * b + t[2, 2] * c
+    return out

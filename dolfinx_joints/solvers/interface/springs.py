@@ -20,11 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers import limits
-
-Floats = NDArray[np.float64]
 
 
 class JointSprings:

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.laws.law import Response
@@ -29,8 +29,6 @@ from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.newton import BodyIterate, BodyProblem, NewtonSolver
 from dolfinx_joints.solvers.step_solver import StepEquation
 from dolfinx_joints.solvers.tangent import Tangent
-
-Floats = NDArray[np.float64]
 
 
 class WholeSolver(NewtonSolver):

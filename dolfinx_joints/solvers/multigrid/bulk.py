@@ -9,13 +9,11 @@ from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.solvers import limits
-
-Floats = NDArray[np.float64]
 
 OPTIONS: dict[str, Any] = {
     "ksp_type": "cg",

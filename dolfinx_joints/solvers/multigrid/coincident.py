@@ -11,13 +11,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.mpi import blocks_of, rank_of, rows_at, sent_to
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 def tied_nodes(matrix: PETSc.Mat, joints: PETSc.Mat | None) -> tuple[Ints, int]:

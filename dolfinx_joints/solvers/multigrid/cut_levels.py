@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
+from dolfinx_joints.common.arrays import Ints
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.common.mpi import blocks_of, rank_of, rows_at, sent_to
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.multigrid.bulk import OPTIONS, made_once, options_set
 from dolfinx_joints.solvers.multigrid.coincident import tie
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,8 +19,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.kernels import njit, part
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.interface.compiled.krylov import Space, dot, gmres
@@ -33,9 +33,6 @@ from dolfinx_joints.solvers.interface.compiled.products import (
     multiply_part,
 )
 from dolfinx_joints.solvers.interface.compiled.ranks import allgather_values, largest_of, sum_over
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class Memory(NamedTuple):

@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.kernels import njit, part
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.own_blocks import SUMS
 from dolfinx_joints.solvers.interface.compiled.products import Kept, apply_blocks, multiply_part
 from dolfinx_joints.solvers.interface.compiled.ranks import Ranks, sum_over
 
-Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 # Columns of `Space.small` after the triangle.

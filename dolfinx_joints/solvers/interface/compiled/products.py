@@ -14,6 +14,7 @@ import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.kernels import njit, part
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.blocks_between_ranks import (
@@ -32,8 +33,6 @@ from dolfinx_joints.solvers.interface.compiled.ranks import (
     lengths_of,
 )
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Singles = NDArray[np.float32]
 
 

@@ -17,11 +17,10 @@ from llvmlite import binding
 from numba import types
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.kernels import part
 from dolfinx_joints.solvers import limits
-
-Floats = NDArray[np.float64]
 
 
 def _mpi_function(name: str, arguments: str) -> Any:

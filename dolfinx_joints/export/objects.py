@@ -1,22 +1,81 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Export of results files to xarray datasets, with coordinates and units."""
+"""Results as pandas data frames, xarray datasets and PyVista grids."""
 
 from __future__ import annotations
 
+import importlib
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.export.optional import import_optional
-from dolfinx_joints.results.arguments import COMPONENTS, check_results
+from dolfinx_joints.export.grids import Grid, body_grid, joint_grid
+from dolfinx_joints.export.paraview import values_of
+from dolfinx_joints.export.tables import TABLES, tables_of
+from dolfinx_joints.results.arguments import COMPONENTS, check_results, chosen_state
 from dolfinx_joints.results.joint_points import tied_points
 from dolfinx_joints.results.reader import Results, listing
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+    from pyvista import MultiBlock
     from xarray import Dataset
+
+_EXTRAS = {"pandas": "tables", "xarray": "tables", "pyvista": "views"}
+
+
+def _import(package: str) -> Any:
+    """Import an optional package.
+
+    Raises:
+        ImportError: The package is missing.
+    """
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise ImportError(
+            f"{package} is missing ({error}): pip install {package}, or install dolfinx_joints "
+            f"with the extra {_EXTRAS[package]!r}."
+        ) from error
+
+
+if TYPE_CHECKING:
+    TableName = str
+else:
+    TableName = Literal[tuple(TABLES)]
+
+
+@checked
+def to_pandas(results: Results, table: TableName = "histories") -> DataFrame:
+    """Return a table of a results file, with the contents of `write_csv`.
+
+    Column names include the unit: ``displacement of crest from the static state x [m]``. A table
+    with one row per time is indexed by the time. ``frame.attrs["file"]`` is the path of the results
+    file.
+
+    Args:
+        results: The run.
+        table: Name of the table.
+
+    Raises:
+        ResultsError: The file has no data for the table.
+        ImportError: pandas is missing.
+    """
+    pandas = _import("pandas")
+    tables = tables_of(results, table)
+    if not tables:
+        available = listing(tables_of(results))
+        raise ResultsError(f"{results.path} has no table {table!r}; it has {available}.")
+    columns = tables[table]
+    frame = pandas.DataFrame(columns.rows, columns=columns.header)
+    if columns.header[0] == "time [s]":
+        frame = frame.set_index("time [s]")
+    frame.attrs["file"] = str(results.path)
+    return frame
+
 
 StreamName = Literal["histories", "energy", "states", "joints"]
 _AXES = ("n", "s1", "s2")  # local axes of a joint
@@ -44,7 +103,7 @@ def to_xarray(results: Results, stream: StreamName = "histories") -> Dataset:
         ResultsError: The file does not contain the stream.
         ImportError: xarray is missing.
     """
-    xarray = import_optional("xarray")
+    xarray = _import("xarray")
     check_results(results)
     if stream not in results.streams:
         available = listing(results.streams)
@@ -128,3 +187,64 @@ class _Builder:
     def _coordinates(self, dimension: str, prefix: str, places: Any) -> None:
         for axis, values in zip(COMPONENTS, places.T, strict=True):
             self.coordinates[prefix + axis] = (dimension, values, {"units": "m"})
+
+
+@checked
+def to_pyvista(
+    results: Results,
+    *,
+    time: float | None = None,
+    index: int = -1,
+    stage: int | str | None = None,
+    groups: Collection[str] | None = None,
+) -> MultiBlock:
+    """Return body and joints in a recorded state.
+
+    The block ``"body"`` has the displacement of the nodes. The block ``"joints"`` has one block per
+    joint, with one polygon per joint point and its gap, traction and status. Names and units are
+    the same as in `paraview.write_vtk`.
+
+        blocks = export.to_pyvista(dj.Results("dam.h5"), time=0.5)
+        body, joints = blocks["body"], blocks["joints"].combine()
+        plotter = pyvista.Plotter()
+        plotter.add_mesh(body.warp_by_vector("displacement [m]", factor=200.0), opacity=0.4)
+        joints = joints.warp_by_vector("displacement [m]", factor=200.0)
+        plotter.add_mesh(joints, scalars="opening [m]")
+
+    Args:
+        results: The run.
+        time: Time [s]; the nearest state is used.
+        index: Number of the state if no time is given, negative from the end.
+        stage: Name or number of a static stage, instead of a time.
+        groups: Names of cell groups of the body; all cells by default.
+
+    Raises:
+        ResultsError: The file has no cells, or not these groups.
+        ImportError: PyVista is missing.
+    """
+    pyvista = _import("pyvista")
+    results, number, _ = chosen_state(results, time, index, stage)
+    body = _grid(pyvista, body_grid(results, groups))
+    displacement = results.series("states", "displacement", number)
+    body.point_data["displacement [m]"] = displacement
+    if groups is not None:
+        body = body.clean() if not body.n_cells else body.extract_cells(np.arange(body.n_cells))
+    joints = pyvista.MultiBlock()
+    for joint in results.joints:
+        grid = joint_grid(results, joint)
+        joints[joint] = _grid(pyvista, grid)
+        joints[joint].point_data["displacement [m]"] = grid.motion @ displacement
+        values = values_of(results, [joint], slice(number, number + 1), grid)
+        joints[joint].cell_data.update({name: states[0] for name, states in values.items()})
+    blocks = pyvista.MultiBlock()
+    blocks["body"], blocks["joints"] = body, joints
+    return blocks
+
+
+def _grid(pyvista: Any, grid: Grid) -> Any:
+    lengths = np.diff(grid.offsets)
+    cells = np.insert(grid.connectivity, grid.offsets[:-1], lengths)
+    result = pyvista.UnstructuredGrid(cells, grid.kinds, grid.points)
+    for name, values in grid.cell_data.items():
+        result.cell_data[name] = values
+    return result

@@ -70,7 +70,7 @@ def test_slip_and_forces_at_rest_and_after_a_change_of_the_uplift(mesh):
     # Uplift of a fifth of the weight: the effective force falls, the slip stays.
     pressure = 0.2 * WEIGHT / AREA
     wet = model(mesh, dj.Uplift(joint="joint_1", pressure=pressure))
-    lifted = dj.to_rest(simulation, state, dt=2.5e-3, model=wet, steps=2).static
+    lifted = dj.to_rest(simulation, state, dt=2.5e-3, model=wet).static
     joint = dj.JointForces(wet)(lifted.joints)["joint_1"]
     assert joint.normal_force == pytest.approx(WEIGHT * (cos - 0.2), rel=1e-6)
     assert joint.plane_safety == pytest.approx(MU * (cos - 0.2) / sin, rel=1e-6)
@@ -87,7 +87,7 @@ def test_loads_are_those_at_the_time_of_rest(mesh):
     simulation = dj.Simulation(body)
     simulation.statics()
     state = simulation.dynamics(dt=2.5e-3, steps=24).state
-    after = dj.to_rest(simulation, state, dt=2.5e-3, steps=2)
+    after = dj.to_rest(simulation, state, dt=2.5e-3)
     force = dj.JointForces(body)(after.static.joints)["joint_1"].force
     np.testing.assert_allclose(force, [0.0, 0.0, WEIGHT], atol=1e-6 * WEIGHT)
     assert after.stages[0].time > state.time

@@ -68,8 +68,8 @@ def state_at_rest(model: Model, end: DynamicState) -> StaticState:
     u = end.displacement  # end.strain_energy has the errors of the solver
     strain = 0.5 * float(u.dot(system.stiffness * u)) + system.plastic_terms(joints)[0]
     energy = replace(start.energy, strain=strain, input_by_load={CONSTRUCTION: strain})
-    facts = {"joints": joints, "energy": energy, "reaction": end.reaction}
-    facts["reports"] = [SolveReport(iterations=0, factorizations=0)]  # the body is not unloaded
+    solved = [SolveReport(iterations=0, factorizations=0)]  # the body is not unloaded
+    facts = {"joints": joints, "energy": energy, "reaction": end.reaction, "reports": solved}
     return replace(start, displacement=u, **facts)
 
 

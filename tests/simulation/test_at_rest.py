@@ -101,6 +101,15 @@ def test_what_cannot_come_to_rest_is_refused(mesh, monkeypatch):
     simulation, state = shaken(model(mesh, damping=None))
     with pytest.raises(dj.JointsError, match="does not come to rest.*Give the model damping"):
         dj.to_rest(simulation, state, dt=2.5e-3)
+    base = dj.ViscousBoundary(group="base")
+    options = {"material": ROCK, "joints": LAW, "damping": DAMPING}
+    on_dashpots = dj.Model(mesh, supports=[base], loads=[dj.Gravity()], **options)
+    falling = dj.Simulation(on_dashpots)  # without statics nothing balances the weight
+    with pytest.warns(UserWarning, match="."):
+        state = falling.dynamics(dt=2.5e-3, steps=100).state
+    with pytest.raises(dj.JointsError, match="It drifts: dashpots balance only the loads of stati"):
+        dj.to_rest(falling, state, dt=2.5e-3)
+    simulation, state = shaken(model(mesh))
     other = mesh_of(two_blocks, size=1.0)
     with pytest.raises(ValueError, match="model has another mesh"):
         dj.to_rest(simulation, state, dt=2.5e-3, model=model(other))

@@ -170,8 +170,6 @@ def recorded_blocks(results: Results) -> Mapping[str, BlockSliding]:
 def check_blocks(given: Any, *, resultants: bool = True) -> dict[str, dict[str, Any]]:
     """Check the metadata ``sliding``; return arguments of `block_sliding` by block."""
     check_named("metadata 'sliding'", given, "planes, or arguments of block_sliding, by block")
-    if given and not resultants:
-        raise ValueError("metadata 'sliding' needs the forces on blocks: set resultants=True, too.")
     blocks = {n: dict(of) if isinstance(of, Mapping) else {"planes": of} for n, of in given.items()}
     allowed = {item.name: item for item in declarations(block_sliding)}
     for name, arguments in blocks.items():
@@ -181,6 +179,8 @@ def check_blocks(given: Any, *, resultants: bool = True) -> dict[str, dict[str, 
         for argument, value in arguments.items():
             allowed[argument].check(value, where)
         _check_planes(f"{where}: planes", arguments["planes"])
+    if blocks and not resultants:
+        raise ValueError("metadata 'sliding' needs the forces on blocks: set resultants=True, too.")
     return blocks
 
 

@@ -238,8 +238,8 @@ def run(folder: Path, record: str | None, *, quick: bool) -> dict[str, float]:
 def compare(folder: Path, record: str | None, *, quick: bool) -> dict[str, list[float]]:
     """Return least F(t), slip of Newmark's block, and slip of the wedge by variant (collective).
 
-    The slip of the wedge is that of the whole motion, in steps with F < 1, and with F from 1 to
-    1.5 [mm].
+    The slip of the wedge is that of the whole motion, of steps with F < 1, with F from 1 to 1.5,
+    and without a driving force [mm].
     """
     jointed, path, rows = read_mesh(folder), folder / "variant.h5", {}
     angles = [ANGLES[kind] for kind in PLANES]
@@ -249,7 +249,8 @@ def compare(folder: Path, record: str | None, *, quick: bool) -> dict[str, list[
         with dj.Results(path) as results:
             block = dj.block_sliding(results, SLIDING, friction_angle_deg=angles)
         steps, safety = 1e3 * np.diff(block.slip), block.safety[1:]
-        parts = [steps.sum(), steps[safety < 1.0].sum(), steps[abs(safety - 1.25) <= 0.25].sum()]
+        selected = safety < 1.0, abs(safety - 1.25) <= 0.25, np.isinf(safety)
+        parts = [steps.sum(), *(steps[of_kind].sum() for of_kind in selected)]
         rows[name] = [block.safety.min(), 1e3 * block.newmark_slip[-1], *parts]
     return rows
 
@@ -291,7 +292,7 @@ def main(arguments: list[str] | None = None) -> None:
         rows = compare(options.out, options.record, quick=options.quick)
 
         def table() -> None:
-            columns = ("least F", "Newmark", "wedge", "at F < 1", "at 1 to 1.5")
+            columns = ("least F", "Newmark", "wedge", "F < 1", "F 1 to 1.5", "F infinite")
             print(f"{'slips in mm':<36}", *(f"{column:>11}" for column in columns))
             for name, row in rows.items():
                 print(f"{name:<36}", *(f"{value:11.3g}" for value in row))

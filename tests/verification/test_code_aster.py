@@ -41,11 +41,11 @@ def forces(law, young, moved, times, path, *, cells=1):
         supports.append(dj.Prescribed(group=moved, component="xyz"[axis], value=value))
     solid = dj.Elastic(young=young, poisson=0.0, density=0.0)
     model = dj.Model(mesh, material=solid, joints=law, supports=supports)
-    simulation, found = dj.Simulation(model), []
+    simulation, reactions = dj.Simulation(model), []
     for time in times:
         state = simulation.quasi_statics([time])
-        found.append(model.resultant(state.reaction, moved)[:gdim])
-    return np.array(found)
+        reactions.append(model.resultant(state.reaction, moved)[:gdim])
+    return np.array(reactions)
 
 
 def along(times, *values):
@@ -100,8 +100,8 @@ def test_slip_in_two_directions():
         slip = np.interp(time, [15, 30, 45, 60], [0.0, shear, -shear, shear])
         return [slip, float(across), float(np.interp(time, [0, 15], [0.0, closed]))]
 
-    found = forces(law, 2000.0, "top", range(1, 61), path)[[29, 44, 59], 0]
-    np.testing.assert_allclose(found, [0.97381768, -1.007477, 1.007510], rtol=1e-4)
+    shears = forces(law, 2000.0, "top", range(1, 61), path)[[29, 44, 59], 0]
+    np.testing.assert_allclose(shears, [0.97381768, -1.007477, 1.007510], rtol=1e-4)
 
 
 def test_linear_softening():

@@ -119,7 +119,7 @@ def block_sliding(
     """
     _check_planes("planes", planes)
     blocks = block_resultants(results)
-    given = friction_angle_deg
+    given: Any = friction_angle_deg
     angles = given if isinstance(given, Sequence) else [given] * len(planes)
     check_kind_of("friction_angle_deg", given, len(angles) == len(planes), "one angle per plane")
     pairs = zip(planes, angles, strict=True)

@@ -212,6 +212,7 @@ def wedge_mesh():
     )
 
 
+@pytest.mark.filterwarnings("ignore:Joint .* chatters")
 @pytest.mark.parametrize(("ratio", "error"), [(1.0, 0.01), (20.0, 0.04)])
 def test_wedge_on_two_planes(wedge_mesh, tmp_path, ratio, error):
     """F in statics is that of limit equilibrium, whatever the ratio of the stiffnesses."""

@@ -24,7 +24,7 @@ AT_REST = 1e-6
 # Steps of the first run of free vibration, and largest number of runs. Each run is twice as long.
 FIRST_STEPS, MOST_RUNS = 50, 10
 
-# Relative change of the kinetic energy in a run, below which a body on dashpots drifts steadily.
+# Changes of the energies in a run, divided by the kinetic energy, of a steady drift on dashpots.
 STEADY = 1e-3
 
 
@@ -52,8 +52,8 @@ def to_rest(
         monitors: Observers of the static stages, with separate files.
 
     Raises:
-        JointsError: The body does not come to rest, or drifts on dashpots that balance only the
-            loads of the last static stage, or the reservoir has waves.
+        JointsError: The body does not come to rest or drifts on dashpots, or the reservoir has
+            waves.
         ValueError: The model has another mesh or other joint laws.
     """
     check_kind_of("state", state, isinstance(state, DynamicState), "a DynamicState")
@@ -70,9 +70,10 @@ def to_rest(
     free.static = simulation.static
     limit = AT_REST * (state.kinetic_energy + state.strain_energy)
     for run in range(MOST_RUNS):
-        last = state.kinetic_energy
+        kinetic, strain = state.kinetic_energy, state.strain_energy
         state = free.dynamics(dt=dt, steps=FIRST_STEPS * 2**run, start=state).state
-        drifts = before.absorbing and abs(state.kinetic_energy - last) <= STEADY * last
+        change = abs(state.kinetic_energy - kinetic) + abs(state.strain_energy - strain)
+        drifts = before.absorbing and change <= STEADY * kinetic
         if drifts or state.kinetic_energy <= limit:
             break
     if state.kinetic_energy > limit:

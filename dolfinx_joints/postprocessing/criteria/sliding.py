@@ -117,12 +117,9 @@ def block_sliding(
         ResultsError: A name is not a plane joint with friction, the run did not record forces on
             blocks, no block is next to all planes, or no plane lets it move along the direction.
     """
-    _check_planes("planes", planes)
+    _check_planes("", planes, friction_angle_deg)
     blocks = block_resultants(results)
-    given: Any = friction_angle_deg
-    angles = given if isinstance(given, Sequence) else [given] * len(planes)
-    check_kind_of("friction_angle_deg", given, len(angles) == len(planes), "one angle per plane")
-    pairs = zip(planes, angles, strict=True)
+    pairs = zip(planes, np.broadcast_to(np.asarray(friction_angle_deg), len(planes)), strict=True)
     joints = [joint_resultants(results, p, friction_angle_deg=angle) for p, angle in pairs]
     block, sides = _block_of(results, planes, blocks.mass)
     for joint in joints:
@@ -178,16 +175,18 @@ def check_blocks(given: Any, *, resultants: bool = True) -> dict[str, dict[str, 
         check_kind_of(where, given[name], fits, f"planes, or {', '.join(allowed)} by name")
         for argument, value in arguments.items():
             allowed[argument].check(value, where)
-        _check_planes(f"{where}: planes", arguments["planes"])
+        _check_planes(f"{where}: ", arguments["planes"], arguments.get("friction_angle_deg"))
     if blocks and not resultants:
         raise ValueError("metadata 'sliding' needs the forces on blocks: set resultants=True, too.")
     return blocks
 
 
-def _check_planes(name: str, planes: Sequence[str]) -> None:
-    """Raise ValueError unless each plane is named once."""
+def _check_planes(where: str, planes: Sequence[str], angles: Any) -> None:
+    """Raise ValueError unless each plane is named once, with one angle for all or for each."""
     fits = all(isinstance(plane, str) for plane in planes) and len(set(planes)) == len(planes)
-    check_kind_of(name, planes, fits, "names of joints, each once")
+    check_kind_of(f"{where}planes", planes, fits, "names of joints, each once")
+    fits = np.size(angles) in (1, len(planes))
+    check_kind_of(f"{where}friction_angle_deg", angles, fits, "one angle per plane")
 
 
 def _block_of(results: Results, planes: Sequence[str], mass: Floats) -> tuple[int, list[float]]:

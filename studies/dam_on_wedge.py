@@ -5,6 +5,7 @@
     ./with-dolfinx python3 -m studies.dam_on_wedge                      # synthetic motion
     ./with-dolfinx python3 -m studies.dam_on_wedge --record DIRECTORY   # three AT2 files
     ./with-dolfinx python3 -m studies.dam_on_wedge --quick              # one second
+    ./with-dolfinx python3 -m studies.dam_on_wedge --variants           # slip and Newmark's block
 
 Dam and wedge are like those of Malpasset: the wedge lies between a fault that dips upstream and a
 foliation plane that dips towards the right bank and downstream. x is downstream, y towards the left
@@ -17,8 +18,10 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
@@ -60,8 +63,34 @@ SEEPAGE = {"start": (10.0, 0.0, 16.0), "end": (95.0, 0.0, 31.0), "upstream": LEV
 SEEPAGE["downstream"] = 31.0
 DRAINED = dj.SeepageLine(**SEEPAGE, drain=(0.15, 0.2))  # a fifth of the difference is left
 FULL = dj.SeepageLine(**SEEPAGE)
+CREST = dj.Probe((0.0, 0.0, HEIGHT), group="joint_dam_2_dam_3-")
 TOLERANCE = 5e-3  # of F
 DT, END, QUICK = 0.005, 11.165, 1.0  # [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """What differs from the study: factors on stiffnesses, k_s / k_n, and planes that stick."""
+
+    rock: float = 1.0
+    wedge: float = 1.0
+    joints: float = 1.0
+    ratio: float = 0.4
+    sticks: bool = False
+
+
+BASE = Variant()
+VARIANTS = {
+    "as studied": BASE,
+    "planes 10 times stiffer": Variant(joints=10.0),
+    "k_s = k_n": Variant(ratio=1.0),
+    "k_s = k_n / 10": Variant(ratio=0.1),
+    "wedge 100 times stiffer": Variant(wedge=100.0),
+    "rock 100 times stiffer": Variant(rock=100.0),
+    "wedge and rock 100 times stiffer": Variant(wedge=100.0, rock=100.0),
+    "the same, planes 20 times stiffer": Variant(wedge=100.0, rock=100.0, joints=20.0),
+    "planes stick": Variant(sticks=True),
+}
 
 
 def on_face(angle: float, height: float, depth: float = 0.0) -> tuple[float, float, float]:
@@ -126,20 +155,27 @@ def kind_of(joint: str) -> str:
     return place if place in PLANES else "contact" if contact else "between blocks"
 
 
-def build(jointed: dj.JointedMesh, level: dj.SeepageLine) -> dj.Model:
+def build(jointed: dj.JointedMesh, level: dj.SeepageLine, variant: Variant = BASE) -> dj.Model:
     """Return the model with a water level in both planes of the wedge."""
+    normal = variant.joints * SOFT["normal_stiffness"]
+    of_planes = {"normal_stiffness": normal, "shear_stiffness": variant.ratio * normal}
 
-    def law(name: str) -> dj.AdhesiveJoint | dj.FrictionNoTension:
+    def law(name: str) -> dj.AdhesiveJoint | dj.FrictionNoTension | dj.KeyedJoint:
         kind = kind_of(name)
-        strength = (SOFT if kind in PLANES else STIFF) | {"friction_angle_deg": ANGLES[kind]}
+        if variant.sticks and kind in PLANES:
+            return dj.KeyedJoint(**of_planes)
+        stiffness = of_planes if kind in PLANES else STIFF
+        strength = stiffness | {"friction_angle_deg": ANGLES[kind]}
         if kind == "contact":
             return dj.AdhesiveJoint(**strength, adhesion=ADHESION)
         return dj.FrictionNoTension(**strength)
 
     wet = [f"wet_{name}" for name in DAM]
+    rock = replace(ROCK, young=variant.rock * ROCK.young)
+    wedge = replace(WEDGE, young=variant.wedge * WEDGE.young)
     return dj.Model(
         jointed,
-        material={"rock": ROCK, "wedge": WEDGE} | dict.fromkeys(DAM, CONCRETE),
+        material={"rock": rock, "wedge": wedge} | dict.fromkeys(DAM, CONCRETE),
         joints={name: law(name) for name in jointed.joint_names},
         supports=[dj.Fixed(group=name) for name in SIDES],
         loads=[
@@ -152,27 +188,44 @@ def build(jointed: dj.JointedMesh, level: dj.SeepageLine) -> dj.Model:
     )
 
 
+def in_statics(model: dj.Model, path: Path, *, every: int = 10) -> dj.Simulation:
+    """Apply weight and reservoir; a later motion is recorded in a file (collective)."""
+    options: dict[str, Any] = {"resultants": True, "every": every, "overwrite": True}
+    monitor = dj.ResultsMonitor(path, points={"crest": CREST}, **options)
+    simulation = dj.Simulation(model, monitors=[monitor])
+    simulation.statics(loads=model.loads[:1], name="weight")
+    simulation.statics(steps=4, name="reservoir")
+    return simulation
+
+
+def read_mesh(folder: Path) -> dj.JointedMesh:
+    """Write and read the mesh (collective)."""
+    comm = MPI.COMM_WORLD
+    return dj.read_msh(on_root(comm, lambda: make_mesh(folder)), comm)
+
+
+def motion_of(record: str | None, *, quick: bool) -> dict[str, Any]:
+    """Return the arguments of `Simulation.dynamics` for a record, None for a synthetic motion."""
+    steps = round((QUICK if quick else END) / DT)
+    return {
+        "dt": DT,
+        "steps": steps,
+        "motion": make_motion(Case(record_folder=record, time_step=DT)),
+    }
+
+
 def run(folder: Path, record: str | None, *, quick: bool) -> dict[str, float]:
     """Compute all stages, write result files and return the numbers (collective)."""
-    comm = MPI.COMM_WORLD
-    jointed = dj.read_msh(on_root(comm, lambda: make_mesh(folder)), comm)
+    jointed = read_mesh(folder)
     before, after = build(jointed, DRAINED), build(jointed, FULL)
     foundation = [name for name in jointed.joint_names if kind_of(name) != "between blocks"]
-    points = {"crest": dj.Probe((0.0, 0.0, HEIGHT), group="joint_dam_2_dam_3-")}
-    monitor = dj.ResultsMonitor(
-        folder / "shaking.h5", points=points, resultants=True, every=10, overwrite=True
-    )
-    simulation = dj.Simulation(before, monitors=[monitor])
-    simulation.statics(loads=before.loads[:1], name="weight")
-    simulation.statics(steps=4, name="reservoir")
-    limit = dj.ResultsMonitor(folder / "limit.h5", points=points, overwrite=True)
+    simulation = in_statics(before, folder / "shaking.h5")
+    limit = dj.ResultsMonitor(folder / "limit.h5", points={"crest": CREST}, overwrite=True)
     static = dj.factor_of_safety(
         simulation, joints=foundation, tolerance=TOLERANCE, monitors=[limit]
     )
     numbers = {"F by reduced strength": static.factor}
-    motion = make_motion(Case(record_folder=record, time_step=DT))
-    steps = round((QUICK if quick else END) / DT)
-    outcome = simulation.dynamics(dt=DT, steps=steps, motion=motion)
+    outcome = simulation.dynamics(**motion_of(record, quick=quick))
     with dj.Results(folder / "shaking.h5") as results:
         numbers |= dj.block_sliding(results, SLIDING).measures()
     settled = dj.to_rest(simulation, outcome.state, dt=DT)
@@ -180,6 +233,26 @@ def run(folder: Path, record: str | None, *, quick: bool) -> dict[str, float]:
         dj.Simulation(after), joints=foundation, tolerance=TOLERANCE, start=settled.static
     )
     return numbers | {"F after, full uplift": lifted.factor}
+
+
+def compare(folder: Path, record: str | None, *, quick: bool) -> dict[str, list[float]]:
+    """Return least F(t), slip of Newmark's block, and slip of the wedge by variant (collective).
+
+    The slip of the wedge is that of the whole motion, of steps with F < 1, with F from 1 to 1.5,
+    and without a driving force [mm].
+    """
+    jointed, path, rows = read_mesh(folder), folder / "variant.h5", {}
+    angles = [ANGLES[kind] for kind in PLANES]
+    for name, variant in VARIANTS.items():
+        simulation = in_statics(build(jointed, DRAINED, variant), path, every=1)
+        simulation.dynamics(**motion_of(record, quick=quick))
+        with dj.Results(path) as results:
+            block = dj.block_sliding(results, SLIDING, friction_angle_deg=angles)
+        steps, safety = 1e3 * np.diff(block.slip), block.safety[1:]
+        selected = safety < 1.0, abs(safety - 1.25) <= 0.25, np.isinf(safety)
+        parts = [steps.sum(), *(steps[of_kind].sum() for of_kind in selected)]
+        rows[name] = [block.safety.min(), 1e3 * block.newmark_slip[-1], *parts]
+    return rows
 
 
 def draw(path: Path, picture: Path) -> Path:
@@ -211,7 +284,20 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--record", help="folder with three AT2 files (default: synthetic motion)")
     parser.add_argument("--out", type=Path, default=Path("output/dam_on_wedge"))
     parser.add_argument("--quick", action="store_true", help="one second of the motion")
+    parser.add_argument(
+        "--variants", action="store_true", help="compare the slip with that of Newmark's block"
+    )
     options = parser.parse_args(arguments)
+    if options.variants:
+        rows = compare(options.out, options.record, quick=options.quick)
+
+        def table() -> None:
+            columns = ("least F", "Newmark", "wedge", "F < 1", "F 1 to 1.5", "F infinite")
+            print(f"{'slips in mm':<36}", *(f"{column:>11}" for column in columns))
+            for name, row in rows.items():
+                print(f"{name:<36}", *(f"{value:11.3g}" for value in row))
+
+        return on_root(MPI.COMM_WORLD, table)
     numbers = run(options.out, options.record, quick=options.quick)
 
     def show() -> None:

@@ -117,7 +117,7 @@ class ResultsMonitor(Monitor):
 
             if isinstance(arguments := facts.get("checks"), Mapping):
                 checks.check_arguments(self._points, **arguments)
-            sliding.check_blocks(facts.get("sliding", {}))
+            sliding.check_blocks(facts.get("sliding", {}), resultants=self.resultants)
         self._backup = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None
         self._prepared_model: Model | None = None

@@ -29,7 +29,7 @@ _NOTE = (
 _SLIDING = (
     "The factor of safety F is the shear strength of the planes under the forces on a rigid block, "
     "divided by the force along the direction of sliding. Newmark's block is rigid; it starts to "
-    "slide if F is below 1, and slides until its velocity is zero."
+    "slide if F < 1, until its velocity is zero. A fall of thrusts due to the slip is included."
 )
 _SAFE = 5.0  # largest factor of safety that is drawn
 

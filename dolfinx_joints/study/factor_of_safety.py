@@ -163,13 +163,13 @@ def factor_of_safety(
 def _bracket(trials: FailureTrials, tolerance: float) -> tuple[float, float]:
     """Return the largest stable and the smallest unstable factor (collective)."""
     lower, upper, growth = 1.0, math.inf, 2.0
-    while not trials.run(lower, all_solvers=True):
-        lower, upper = 0.5 * lower, lower
-        if lower < SMALLEST:
+    while not trials.run(lower, all_solvers=lower == SMALLEST):
+        if lower == SMALLEST:
             raise JointsError(
-                f"There is no equilibrium at any factor from {upper:g} to 1: the loads exceed the "
+                f"There is no equilibrium at any factor from {lower:g} to 1: the loads exceed the "
                 "strength by far, or a block has no support."
             )
+        lower, upper = 0.5 * lower, lower
     while lower < LARGEST:
         if upper - lower <= tolerance * lower:
             # Confirm the failure from the nearest equilibrium: an earlier trial was further away.

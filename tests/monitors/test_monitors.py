@@ -553,4 +553,7 @@ def test_wrong_blocks_are_errors_before_the_run(sliding, message):
     with pytest.raises(ValueError, match=message):
         dj.ResultsMonitor("never.h5", points={"p": (0, 0, 0)}, metadata={"sliding": sliding})
     both = {"a": ["left", "right"], "b": {"planes": ["joint"], "direction": (1, 0, 0)}}
-    dj.ResultsMonitor("never.h5", points={"p": (0, 0, 0)}, metadata={"sliding": both})
+    options = {"points": {"p": (0, 0, 0)}, "metadata": {"sliding": both}}
+    dj.ResultsMonitor("never.h5", resultants=True, **options)
+    with pytest.raises(ValueError, match="'sliding' needs the forces on blocks: set resultants=Tr"):
+        dj.ResultsMonitor("never.h5", **options)

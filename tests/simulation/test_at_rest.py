@@ -70,7 +70,7 @@ def test_slip_and_forces_at_rest_and_after_a_change_of_the_uplift(mesh):
     # Uplift of a fifth of the weight: the effective force falls, the slip stays.
     pressure = 0.2 * WEIGHT / AREA
     wet = model(mesh, dj.Uplift(joint="joint_1", pressure=pressure))
-    lifted = dj.to_rest(simulation, state, dt=2.5e-3, model=wet, steps=2).static
+    lifted = dj.to_rest(simulation, state, dt=2.5e-3, model=wet).static
     joint = dj.JointForces(wet)(lifted.joints)["joint_1"]
     assert joint.normal_force == pytest.approx(WEIGHT * (cos - 0.2), rel=1e-6)
     assert joint.plane_safety == pytest.approx(MU * (cos - 0.2) / sin, rel=1e-6)
@@ -87,7 +87,7 @@ def test_loads_are_those_at_the_time_of_rest(mesh):
     simulation = dj.Simulation(body)
     simulation.statics()
     state = simulation.dynamics(dt=2.5e-3, steps=24).state
-    after = dj.to_rest(simulation, state, dt=2.5e-3, steps=2)
+    after = dj.to_rest(simulation, state, dt=2.5e-3)
     force = dj.JointForces(body)(after.static.joints)["joint_1"].force
     np.testing.assert_allclose(force, [0.0, 0.0, WEIGHT], atol=1e-6 * WEIGHT)
     assert after.stages[0].time > state.time
@@ -96,11 +96,20 @@ def test_loads_are_those_at_the_time_of_rest(mesh):
         assert factor == pytest.approx(MU / math.tan(ANGLE), rel=1.1e-3)
 
 
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
 def test_what_cannot_come_to_rest_is_refused(mesh, monkeypatch):
     monkeypatch.setattr("dolfinx_joints.simulation.at_rest.MOST_RUNS", 2)
     simulation, state = shaken(model(mesh, damping=None))
     with pytest.raises(dj.JointsError, match="does not come to rest.*Give the model damping"):
         dj.to_rest(simulation, state, dt=2.5e-3)
+    base = dj.ViscousBoundary(group="base")
+    options = {"material": ROCK, "joints": LAW, "damping": DAMPING}
+    on_dashpots = dj.Model(mesh, supports=[base], loads=[dj.Gravity()], **options)
+    falling = dj.Simulation(on_dashpots)  # without statics nothing balances the weight
+    state = falling.dynamics(dt=2.5e-3, steps=100).state
+    with pytest.raises(dj.JointsError, match="It drifts: dashpots balance only the loads of stati"):
+        dj.to_rest(falling, state, dt=2.5e-3)
+    simulation, state = shaken(model(mesh))
     other = mesh_of(two_blocks, size=1.0)
     with pytest.raises(ValueError, match="model has another mesh"):
         dj.to_rest(simulation, state, dt=2.5e-3, model=model(other))

@@ -18,7 +18,7 @@ from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.parameters import check_kind_of, check_named
 from dolfinx_joints.exact import projected_force
 from dolfinx_joints.postprocessing.frames import ground_in_steps
-from dolfinx_joints.postprocessing.joints.extremes import NEGLIGIBLE_SUM, FrictionAngle, ratio
+from dolfinx_joints.postprocessing.joints.extremes import NEGLIGIBLE_SUM, FrictionAngle
 from dolfinx_joints.postprocessing.joints.resultants import block_resultants, joint_resultants
 from dolfinx_joints.postprocessing.joints.surface import is_plane
 from dolfinx_joints.results.joint_points import free_areas, gaps
@@ -56,7 +56,8 @@ class BlockSliding:
     def safety(self) -> Floats:
         """Factor of safety F = R / D, infinite without a driving force, shape (records,)."""
         negligible = NEGLIGIBLE_SUM * float(np.max(np.abs(self.driving), initial=0.0))
-        return ratio(self.resistance, np.maximum(self.driving, 0.0), negligible)
+        safety = np.full(len(self.driving), np.inf)
+        return np.divide(self.resistance, self.driving, safety, where=self.driving > negligible)
 
     @property
     def newmark_slip(self) -> Floats:
@@ -92,7 +93,7 @@ def block_sliding(
     planes: Annotated[Sequence[str], at.MinLen(1)],
     *,
     direction: Annotated[Sequence[float], at.Len(3, 3)] | None = None,
-    friction_angle_deg: FrictionAngle | None = None,
+    friction_angle_deg: FrictionAngle | Sequence[float] | None = None,
 ) -> BlockSliding:
     """Return the factor of safety of a block against sliding on joints, at every step.
 
@@ -101,20 +102,25 @@ def block_sliding(
     forces of its other joints, such as the thrust of a dam, minus mass times ground acceleration.
     Loads on the block must be constant.
 
+    If the block slides in the run, a thrust that falls due to the slip has fallen. For forces that
+    do not depend on the slip, use a run with a `KeyedJoint` on each plane, and give the angles.
+
     Args:
         results: A run with ``ResultsMonitor(resultants=True)``, from static equilibrium.
         planes: Names of the joints on which the block slides.
         direction: Direction of sliding along a plane and into none, shape (3,). By default that of
             the static forces: the line of intersection of two planes, or the steepest line of one.
-        friction_angle_deg: Friction angle of all planes; by default that of each joint law.
+        friction_angle_deg: Friction angle of all planes, or one for each plane; by default that of
+            each joint law.
 
     Raises:
         ResultsError: A name is not a plane joint with friction, the run did not record forces on
             blocks, no block is next to all planes, or no plane lets it move along the direction.
     """
-    _check_planes("planes", planes)
+    _check_planes("", planes, friction_angle_deg)
     blocks = block_resultants(results)
-    joints = [joint_resultants(results, p, friction_angle_deg=friction_angle_deg) for p in planes]
+    pairs = zip(planes, np.broadcast_to(np.asarray(friction_angle_deg), len(planes)), strict=True)
+    joints = [joint_resultants(results, p, friction_angle_deg=angle) for p, angle in pairs]
     block, sides = _block_of(results, planes, blocks.mass)
     for joint in joints:
         if not joint.geometry.nearly_plane or np.isnan(joint.friction):
@@ -158,7 +164,7 @@ def recorded_blocks(results: Results) -> Mapping[str, BlockSliding]:
     return {name: block_sliding(results, **of) for name, of in blocks.items()}
 
 
-def check_blocks(given: Any) -> dict[str, dict[str, Any]]:
+def check_blocks(given: Any, *, resultants: bool = True) -> dict[str, dict[str, Any]]:
     """Check the metadata ``sliding``; return arguments of `block_sliding` by block."""
     check_named("metadata 'sliding'", given, "planes, or arguments of block_sliding, by block")
     blocks = {n: dict(of) if isinstance(of, Mapping) else {"planes": of} for n, of in given.items()}
@@ -169,14 +175,18 @@ def check_blocks(given: Any) -> dict[str, dict[str, Any]]:
         check_kind_of(where, given[name], fits, f"planes, or {', '.join(allowed)} by name")
         for argument, value in arguments.items():
             allowed[argument].check(value, where)
-        _check_planes(f"{where}: planes", arguments["planes"])
+        _check_planes(f"{where}: ", arguments["planes"], arguments.get("friction_angle_deg"))
+    if blocks and not resultants:
+        raise ValueError("metadata 'sliding' needs the forces on blocks: set resultants=True, too.")
     return blocks
 
 
-def _check_planes(name: str, planes: Sequence[str]) -> None:
-    """Raise ValueError unless each plane is named once."""
+def _check_planes(where: str, planes: Sequence[str], angles: Any) -> None:
+    """Raise ValueError unless each plane is named once, with one angle for all or for each."""
     fits = all(isinstance(plane, str) for plane in planes) and len(set(planes)) == len(planes)
-    check_kind_of(name, planes, fits, "names of joints, each once")
+    check_kind_of(f"{where}planes", planes, fits, "names of joints, each once")
+    fits = np.size(angles) in (1, len(planes))
+    check_kind_of(f"{where}friction_angle_deg", angles, fits, "one angle per plane")
 
 
 def _block_of(results: Results, planes: Sequence[str], mass: Floats) -> tuple[int, list[float]]:

@@ -15,6 +15,7 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.static_energy import StaticEnergy
+from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.states import DynamicState
 
 # Name in the ledger of residual forces of earlier stages, in inactive joints and absent blocks.
@@ -64,10 +65,12 @@ def state_at_rest(model: Model, end: DynamicState) -> StaticState:
     if forces is not None and joints is not None and not (contact and contact.rigid):
         # Midpoint schemes store mean tractions of the last step: evaluate the laws at its end.
         joints = forces.respond(system.vector(), joints.state, BACKWARD_EULER)
-    works = {CONSTRUCTION: end.strain_energy}
-    energy = replace(start.energy, strain=end.strain_energy, input_by_load=works)
-    facts = {"joints": joints, "energy": energy, "reaction": end.reaction}
-    return replace(start, displacement=end.displacement, **facts)
+    u = end.displacement  # end.strain_energy has the errors of the solver
+    strain = 0.5 * float(u.dot(system.stiffness * u)) + system.plastic_terms(joints)[0]
+    energy = replace(start.energy, strain=strain, input_by_load={CONSTRUCTION: strain})
+    solved = [SolveReport(iterations=0, factorizations=0)]  # the body is not unloaded
+    facts = {"joints": joints, "energy": energy, "reaction": end.reaction, "reports": solved}
+    return replace(start, displacement=u, **facts)
 
 
 def check_fits(model: Model, start: StaticState) -> None:

@@ -1,0 +1,174 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Reader of Abaqus and CalculiX input files (``.inp``) into a `FileMesh`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.common.arrays import Ints
+from dolfinx_joints.common.errors import MeshError, warn
+from dolfinx_joints.common.parameters import check_file, shown
+from dolfinx_joints.mesh.reading.named_sets import FileMesh, positions
+
+_SOLIDS = {5: "pyramid", 13: "pyramid", 6: "wedge", 15: "wedge"}
+_SOLIDS |= dict.fromkeys((4, 10), "tetrahedron") | dict.fromkeys((8, 20, 27), "hexahedron")
+_TYPES = {  # kinds by the number of nodes, which is in the name of a type
+    r"[AD]?C3D(\d+)": _SOLIDS,
+    r"COH[23]D(\d)": dict.fromkeys((4, 6, 8), "cohesive"),
+    r"(?:CP[SE]G?|[AD]C2D|D?S|STRI|M3D|SFM3D|R3D)([34689])": dict.fromkeys((3, 6), "triangle")
+    | dict.fromkeys((4, 8, 9), "quadrilateral"),
+    r"(?:T[23]D|R2D)([23])": dict.fromkeys((2, 3), "line"),
+}
+_C3D27 = [*range(20), 26, 24, 23, 25, 21, 22, 20]  # in Abaqus the centre is before the faces
+_SIDES = {
+    "triangle": ("12", "23", "31"),
+    "quadrilateral": ("12", "23", "34", "41"),
+    "tetrahedron": ("123", "142", "243", "341"),
+    "hexahedron": ("1234", "5876", "1562", "2673", "3784", "4851"),
+}
+_GENERATED = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM"}
+
+Sets = dict[str, tuple[str, list[Any]]]  # name, and labels or names of other sets
+
+
+def load_inp(path: Path) -> FileMesh:
+    """Read nodes, elements, sets and surfaces of a file with at most one instance of a part."""
+    sections = list(_sections(path))
+    x, blocks = [], []
+    labels: dict[str, list[int]] = {"NSET": [], "ELSET": []}
+    sets: dict[str, Sets] = {"NSET": {}, "ELSET": {}}
+    internal = {
+        options.get("ELSET", "").upper() for _, options, _ in sections if "INTERNAL" in options
+    }
+    for keyword, options, lines in sections:
+        entity = "NSET" if keyword in ("NODE", "NSET") else "ELSET"
+        members: list[Any] = []
+        if keyword == "NODE":
+            rows = [[item.strip() for item in line.split(",")] for line in lines]
+            x += [[float(item or 0.0) for item in [*row[1:], "", ""][:3]] for row in rows]
+            labels[entity] += (members := [int(row[0]) for row in rows])
+        elif keyword == "ELEMENT":
+            kind, members, nodes = _elements(options.get("TYPE", "").upper(), lines)
+            labels[entity] += members
+            blocks.append((kind, nodes))
+        elif keyword in ("NSET", "ELSET"):
+            members = _members(options, lines)
+        if members and (name := options.get(entity)):
+            sets[entity].setdefault(name.upper(), (name, []))[1].extend(members)
+    _refuse_assemblies(sections)
+    known = {entity: np.array(of, dtype=np.int64) for entity, of in labels.items()}
+
+    def read_sets(what: str, entity: str) -> dict[str, Ints]:
+        return {
+            name: positions(what, known[entity], _labels(sets[entity], name))
+            for key, (name, _) in sets[entity].items()
+            if key not in internal
+        }
+
+    mesh = FileMesh.of(
+        np.array(x).reshape(-1, 3),
+        [(kind, positions("node", known["NSET"], nodes)) for kind, nodes in blocks],
+        element_sets=read_sets("element", "ELSET"),
+        node_sets=read_sets("node", "NSET"),
+    )
+    for _, options, lines in (section for section in sections if section[0] == "SURFACE"):
+        name = options.get("NAME", "")
+        if options.get("TYPE", "ELEMENT").upper() != "ELEMENT" or "COMBINE" in options:
+            warn(f"The surface {name!r} does not consist of faces of elements and is not read.")
+            continue
+        for line in lines:
+            item, _, face = (text.strip() for text in line.partition(","))
+            chosen = positions("element", known["ELSET"], _labels(sets["ELSET"], item))
+            mesh.facets.setdefault(name, []).extend(_faces(mesh, chosen, name, face))
+    return mesh
+
+
+def _sections(path: Path) -> Iterator[tuple[str, dict[str, str], list[str]]]:
+    """Yield the keyword, the parameters and the data lines of each section, also of includes."""
+    check_file(path, f"the included file {str(path)!r} does not exist.", MeshError)
+    header, lines = "", []
+    for raw in [*path.read_text(encoding="utf-8", errors="replace").splitlines(), "*END"]:
+        line = raw.strip()
+        if not line or line.startswith("**"):
+            continue
+        if header.endswith(",") and "=" in line:
+            header += line
+        elif not line.startswith("*"):
+            lines.append(line)
+        else:
+            keyword, *parameters = header[1:].split(",")
+            pairs = [parameter.partition("=") for parameter in parameters]
+            options = {key.strip().upper(): value.strip(" \"'") for key, _, value in pairs}
+            if keyword.upper() == "INCLUDE":
+                yield from _sections(path.parent / options.get("INPUT", ""))
+            yield " ".join(keyword.upper().split()), options, lines
+            header, lines = line, []
+
+
+def _refuse_assemblies(sections: list[tuple[str, dict[str, str], list[str]]]) -> None:
+    """Raise a MeshError for nodes that are moved or generated."""
+    moved = [lines for keyword, _, lines in sections if keyword == "INSTANCE"]
+    found = [keyword for keyword, _, _ in sections if keyword in _GENERATED]
+    found += ["INSTANCE"] if len(moved) > 1 or any(moved) else []
+    found += [
+        "NODE, SYSTEM" for key, options, _ in sections if key == "NODE" and "SYSTEM" in options
+    ]
+    if found:
+        raise MeshError(
+            f"*{found[0]} moves or generates nodes and is not read; write the file without parts "
+            "and instances (noPartsInputFile=ON in Abaqus/CAE)."
+        )
+
+
+def _elements(name: str, lines: list[str]) -> tuple[str, list[int], Ints]:
+    """Return the kind, the labels and the nodes of the elements of a section."""
+    for pattern, kinds in _TYPES.items():
+        if (found := re.match(pattern, name)) and (count := int(found[1])) in kinds:
+            items = [int(item) for item in ",".join(lines).split(",") if item.strip()]
+            table = np.array(items, dtype=np.int64).reshape(-1, count + 1)
+            nodes = table[:, 1:][:, _C3D27 if count == 27 else slice(None)]
+            return kinds[count], table[:, 0].tolist(), nodes
+    # The nodes are not needed; an element continues after a line that ends with a comma.
+    starts = [k == 0 or not lines[k - 1].endswith(",") for k in range(len(lines))]
+    labels = [int(line.split(",")[0]) for line, start in zip(lines, starts, strict=True) if start]
+    return name or "without a type", labels, np.empty((len(labels), 0), dtype=np.int64)
+
+
+def _members(options: dict[str, str], lines: list[str]) -> list[Any]:
+    """Return the labels, and the names of other sets, in the lines of a set."""
+    rows = [[item.strip() for item in line.split(",") if item.strip()] for line in lines]
+    if "NSET" in options and "ELSET" in options:
+        raise MeshError(f"the node set {options['NSET']!r} is given by elements; list its nodes.")
+    if "GENERATE" not in options:
+        return [item for row in rows for item in row]
+    ranges = [(*map(int, row), 1)[:3] for row in rows]
+    return [label for first, last, step in ranges for label in range(first, last + 1, step)]
+
+
+def _labels(sets: Sets, item: Any, within: tuple[str, ...] = ()) -> list[int]:
+    """Return the distinct labels of a label or of the set of a name, which may contain sets."""
+    key = str(item).upper().rpartition(".")[2]  # INSTANCE.LABEL
+    if key.isdigit() and key not in sets:
+        return [int(key)]
+    if key not in sets or key in within:
+        raise MeshError(f"the set {shown(item)} is used, but the file does not define it.")
+    inner = (_labels(sets, member, (*within, key)) for member in sets[key][1])
+    return sorted({label for labels in inner for label in labels})
+
+
+def _faces(mesh: FileMesh, elements: Ints, surface: str, face: str) -> list[Ints]:
+    """Return the vertices of the faces S1 to S6 of elements, in an array for each kind."""
+    faces = []
+    for kind in np.unique(mesh.kind[elements]):
+        sides = {f"S{k + 1}": side for k, side in enumerate(_SIDES.get(kind, ()))}
+        if face.upper() not in sides:
+            raise MeshError(f"the surface {surface!r} has the unknown face {face!r} of a {kind}.")
+        local = [int(vertex) - 1 for vertex in sides[face.upper()]]
+        faces.append(mesh.nodes[elements[mesh.kind[elements] == kind]][:, local])
+    return faces

@@ -1,0 +1,262 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Meshes of other programs, with several kinds of elements and named sets, made into a `RawMesh`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import dolfinx.mesh
+import numpy as np
+from dolfinx.cpp.io import perm_vtk
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from dolfinx_joints.common.arrays import Flags
+from dolfinx_joints.common.errors import MeshError, warn
+from dolfinx_joints.mesh.blocks import same_places
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, check_curves, find_facets
+from dolfinx_joints.mesh.preparation import joint_names
+
+_DIMENSION = {"line": 1, "triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+_DIMENSION |= {"pyramid": 3, "wedge": 3}
+# Numbers of nodes of the cells that are read; the first one has degree 1.
+_SIZES = {"triangle": (3, 6), "quadrilateral": (4, 8, 9), "tetrahedron": (4, 10)}
+_SIZES |= {"hexahedron": (8, 20, 27)}
+# Corners and edge nodes of the faces of a brick, in VTK's order of the face nodes.
+_FACES = [[0, 3, 7, 4, 11, 19, 15, 16], [1, 2, 6, 5, 9, 18, 13, 17], [0, 1, 5, 4, 8, 17, 12, 16]]
+_FACES += [[3, 2, 6, 7, 10, 18, 14, 19], [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]]
+# Kind and opposite vertices of the elements of a joint, by the number of vertices.
+_LAYERS = {
+    4: ("quadrilateral", [[0, 1], [3, 2]]),
+    6: ("wedge", [[0, 1, 2], [3, 4, 5]]),
+    8: ("hexahedron", [[0, 1, 2, 3], [4, 5, 6, 7]]),
+}
+COINCIDENT = 1e-6  # nodes coincide if distance / edge length is below this limit
+
+Facets = dict[str, list[Ints]]
+
+
+@dataclass(kw_only=True)
+class FileMesh:
+    """Content of a file; all numbers start at 0.
+
+    Attributes:
+        x: Node coordinates in the unit of the file, shape (nodes, 2 or 3).
+        kind: ``line``, ``triangle``, ``quadrilateral``, ``tetrahedron``, ``pyramid``, ``wedge``,
+            ``hexahedron``, ``cohesive``, or the file's name of another kind, shape (elements,).
+        nodes: Nodes of each element in the order of VTK, filled with -1 to the longest element.
+        element_sets: Element numbers of each set.
+        node_sets: Node numbers of each set.
+        facets: Vertices of the facets of each surface, in several arrays.
+    """
+
+    x: Floats
+    kind: NDArray[np.str_]
+    nodes: Ints
+    element_sets: dict[str, Ints]
+    node_sets: dict[str, Ints]
+    facets: Facets = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, x: Floats, blocks: Sequence[tuple[str, Ints]], **sets: Any) -> FileMesh:
+        """Return the mesh of blocks, each with the kind and the nodes of its elements."""
+        kind = np.repeat([kind for kind, _ in blocks], [len(nodes) for _, nodes in blocks])
+        width = max((nodes.shape[1] for _, nodes in blocks), default=0)
+        rows = [np.pad(n, ((0, 0), (0, width - n.shape[1])), constant_values=-1) for _, n in blocks]
+        return cls(x=x, kind=kind, nodes=np.vstack([np.empty((0, width), int), *rows]), **sets)
+
+
+def positions(what: str, labels: Ints, wanted: Any) -> Ints:
+    """Return the positions of wanted labels, an array of any shape, in the labels of a file.
+
+    Raises:
+        MeshError: A label occurs twice, or a wanted label is not in the file.
+    """
+    wanted = np.asarray(wanted, dtype=np.int64)
+    order = np.argsort(labels, kind="stable")
+    ordered = np.append(labels[order], np.iinfo(np.int64).max)
+    if len(twice := ordered[1:][ordered[1:] == ordered[:-1]]):
+        raise MeshError(f"{what} {twice[0]} is defined twice.")
+    place = np.searchsorted(ordered, wanted)
+    if len(lost := wanted[ordered[place] != wanted]):
+        raise MeshError(f"{what} {lost[0]} is used, but the file does not define it.")
+    return order[place]
+
+
+def named_mesh(file: FileMesh, joints: list[str] | None) -> tuple[RawMesh, list[str] | None]:
+    """Return the mesh with its groups, and the names of the joints for `prepare`.
+
+    Coincident faces of a joint are merged, because `prepare` splits them again.
+    """
+    dims = np.array([_DIMENSION.get(kind, 0) for kind in file.kind.tolist()])
+    dim = dims.max(initial=0)
+    if others := Counter(file.kind[(dims == 0) & (file.kind != "cohesive")].tolist()):
+        found = ", ".join(f"{count} {kind}" for kind, count in others.items())
+        warn(f"Elements that are not read: {found}.")
+    is_layer, layers = _add_layers(file, dims == dim)
+    is_cell = (dims == dim) & ~is_layer
+    shape, cells, x = _cells(file, is_cell)
+    number = np.where(is_cell, np.cumsum(is_cell) - 1, -1)
+    corners = shape.facet_vertices.shape[1]
+    groups: dict[str, Ints] = {}
+    for name, members in file.element_sets.items():
+        if len(own := number[members[is_cell[members]]]):
+            groups[name] = np.unique(own)
+        if len(own := members[dims[members] == dim - 1]):
+            file.facets.setdefault(name, []).append(file.nodes[own, :corners])
+        elif name not in groups and name not in layers:
+            warn(f"The set {name!r} has no cells or facets and is not read.")
+    _add_node_sets(file, cells, shape, groups)
+    facets = _checked(file.facets, corners, cells)
+    raw = RawMesh(
+        shape=shape, cells=cells, x=x[:, : shape.dim], cell_groups=groups, facet_groups=facets
+    )
+    if joints is None and layers:
+        joints = list(dict.fromkeys([*joint_names(raw, None)[0], *layers]))
+    raw = _merged(raw, {*layers, *(joint_names(raw, None)[0] if joints is None else joints)})
+    check_curves(shape, raw.x, raw.cells, "The mesh")
+    return raw, joints
+
+
+def _cells(file: FileMesh, is_cell: Flags) -> tuple[CellShape, Ints, Floats]:
+    """Return the shape and the nodes of the cells in the order of DOLFINx, and the coordinates.
+
+    Quadrilaterals with 8 and hexahedra with 20 nodes get nodes in their faces and centres. The
+    geometry stays the same: serendipity functions are a part of the quadratic Lagrange functions.
+    """
+    nodes, x = file.nodes[is_cell], file.x
+    sizes = (nodes >= 0).sum(axis=1).tolist()
+    counts = Counter(zip(file.kind[is_cell].tolist(), sizes, strict=True))
+    (kind, size), *others = counts or [("", 0)]
+    if others or size not in _SIZES.get(kind, ()):
+        found = ", ".join(f"{n} {kind} ({size} nodes)" for (kind, size), n in counts.items())
+        allowed = "; ".join(f"{kind}: {', '.join(map(str, n))}" for kind, n in _SIZES.items())
+        raise MeshError(
+            f"the cells are: {found or 'none'}. Cells of one kind are needed, with these numbers of "
+            f"nodes: {allowed}. Mesh the whole body with tetrahedra if it needs wedges."
+        )
+    nodes, dim = nodes[:, :size], _DIMENSION[kind]
+    if x.shape[1] > dim and np.ptp(x[nodes, 2]) > 1e-9 * np.ptp(x[nodes], axis=(0, 1)).max():
+        raise MeshError("the mesh is a surface, but not in a plane z = constant.")
+    in_face = np.repeat([-0.25, 0.5], 4)  # serendipity functions of corners and edges
+    if (kind, size) == ("quadrilateral", 8):
+        nodes, x = (
+            np.insert(nodes, 8, len(x) + np.arange(len(nodes)), 1),
+            np.vstack([x, in_face @ x[nodes]]),
+        )
+    elif (kind, size) == ("hexahedron", 20):
+        faces = nodes[:, _FACES].reshape(-1, 8)
+        key = np.sort(faces[:, :4], axis=1)
+        _, first, of = np.unique(key, axis=0, return_index=True, return_inverse=True)
+        centres = np.repeat([-0.25, 0.25], [8, 12]) @ x[nodes]
+        added = len(x) + np.column_stack([of.reshape(-1, 6), len(first) + np.arange(len(nodes))])
+        x, nodes = np.vstack([x, in_face @ x[faces[first]], centres]), np.hstack([nodes, added])
+    shape = CellShape(name=kind, degree=1 if size == _SIZES[kind][0] else 2)
+    order = perm_vtk(getattr(dolfinx.mesh.CellType, kind), nodes.shape[1])
+    return shape, nodes[:, order], x
+
+
+def _add_layers(file: FileMesh, is_cell: Flags) -> tuple[Flags, list[str]]:
+    """Add the two faces of cohesive elements, and of cells without thickness, to the facets.
+
+    Returns:
+        True for each of these elements, shape (elements,), and the names of their sets.
+    """
+    is_layer, names = np.zeros(len(file.kind), dtype=bool), []
+    thick, named, sizes = is_layer.copy(), is_layer.copy(), (file.nodes >= 0).sum(axis=1)
+    for size, (kind, halves) in _LAYERS.items():
+        is_cohesive = (file.kind == "cohesive") & (sizes == size)
+        own = np.flatnonzero(is_cohesive | (is_cell & (file.kind == kind)))
+        a, b = (file.x[file.nodes[own][:, half]] for half in halves)
+        limit = COINCIDENT * np.linalg.norm(a[:, 1] - a[:, 0], axis=1)
+        thick[own] = np.linalg.norm(a - b, axis=2).max(axis=1) > limit
+        is_layer[own] = is_cohesive[own] | ~thick[own]
+    for name, members in file.element_sets.items():
+        if len(members) and is_layer[members].all():
+            ends = ("-", "+") if thick[members].any() else ("", "")
+            for kind_size in np.unique(sizes[members]):
+                own = members[sizes[members] == kind_size]
+                for end, half in zip(ends, _LAYERS[kind_size][1], strict=True):
+                    file.facets.setdefault(name + end, []).append(file.nodes[own][:, half])
+            names.append(name)
+            named[members] = True
+    if unnamed := np.count_nonzero(is_layer & ~named):
+        raise MeshError(
+            f"{unnamed} cohesive elements or cells without thickness are in no set of their own; "
+            "put those of each joint into an element set."
+        )
+    return is_layer, names
+
+
+def _add_node_sets(file: FileMesh, cells: Ints, shape: CellShape, groups: dict[str, Ints]) -> None:
+    """Add the facets with all vertices in a node set to the facets of its name."""
+    local, facets = shape.facet_vertices, file.facets
+    corners = cells[:, : int(local.max()) + 1]
+    faces = corners[:, local].reshape(-1, local.shape[1])
+    unread = []
+    for name, members in file.node_sets.items():
+        in_set = np.zeros(cells.max() + 1, dtype=bool)
+        in_set[members[members < len(in_set)]] = True
+        same = [cells[groups[name]]] if name in groups else []
+        if any(in_set[nodes].all() for nodes in (*same, *facets.get(name, ()))):
+            continue  # the set has the nodes of the elements of the same name
+        if name in facets:
+            raise MeshError(
+                f"{name!r} is a node set and a set of other facets; rename one of them."
+            )
+        found = faces[in_set[faces].all(axis=1)]
+        inside = corners[in_set[corners].all(axis=1)]
+        if not len(found) and name.lower().startswith("joint"):
+            raise MeshError(f"no facet has all its vertices in the node set {name!r}.")
+        if len(found) and not np.isin(found, inside).all():
+            facets[name] = [np.unique(np.sort(found, axis=1), axis=0)]
+        else:
+            unread.append(name)
+    if unread:
+        warn(f"Node sets that are not facets of the body and are not read: {', '.join(unread)}.")
+
+
+def _checked(facets: Facets, corners: int, cells: Ints) -> dict[str, Ints]:
+    """Return the facets of each group that has any."""
+    groups, used = {}, np.unique(cells)
+    for name, parts in facets.items():
+        rows = [part for part in parts if len(part)]
+        if any(part.shape[1] != corners or not np.isin(part, used).all() for part in rows):
+            raise MeshError(f"the group {name!r} has facets that are not faces of the cells.")
+        if rows:
+            groups[name] = np.concatenate(rows)
+        else:
+            warn(f"The set {name!r} is empty and is not read.")
+    return groups
+
+
+def _merged(raw: RawMesh, joints: Collection[str]) -> RawMesh:
+    """Merge nodes that coincide on joints, and drop nodes without cells."""
+    shape, cells, x = raw.shape, raw.cells, raw.x
+    new = np.arange(len(x))
+    for facets in (raw.facet_groups[name] for name in joints if name in raw.facet_groups):
+        owner, count = find_facets(shape, cells, new[facets])
+        outer = owner[count == 1, 0]
+        if not len(outer):
+            continue
+        nodes = cells[outer[:, :1], shape.facet_nodes[outer[:, 1]]]
+        edge = np.linalg.norm(x[nodes[:, 0]] - x[nodes[:, 1]], axis=1).min()
+        limit, used = COINCIDENT * edge, np.unique(cells)
+        distance, _ = KDTree(x[np.unique(nodes)]).query(x[used], distance_upper_bound=limit)
+        near = used[np.isfinite(distance)]
+        _, first, of = np.unique(
+            same_places(x[near], limit), return_index=True, return_inverse=True
+        )
+        merged = np.arange(len(x))
+        merged[near] = near[first[of]]
+        new, cells = merged[new], merged[cells]
+    used, inverse = np.unique(cells, return_inverse=True)
+    facet_groups = {
+        name: np.unique(np.sort(np.searchsorted(used, new[rows]), axis=1), axis=0)
+        for name, rows in raw.facet_groups.items()
+    }
+    return replace(raw, cells=inverse.reshape(cells.shape), x=x[used], facet_groups=facet_groups)

@@ -39,54 +39,77 @@ Sets = dict[str, tuple[str, list[Any]]]  # name, and labels or names of other se
 
 def load_inp(path: Path) -> FileMesh:
     """Read nodes, elements, sets and surfaces of a file with at most one instance of a part."""
-    sections = list(_sections(path))
-    x, blocks = [], []
-    labels: dict[str, list[int]] = {"NSET": [], "ELSET": []}
-    sets: dict[str, Sets] = {"NSET": {}, "ELSET": {}}
-    internal = {
-        options.get("ELSET", "").upper() for _, options, _ in sections if "INTERNAL" in options
-    }
-    for keyword, options, lines in sections:
+    content = _Content()
+    for keyword, options, lines in _sections(path):
+        content.add(keyword, options, lines)
+    return content.mesh()
+
+
+class _Content:
+    """Nodes, elements, sets and surfaces of the sections that were added, with their labels."""
+
+    def __init__(self) -> None:
+        self.x: list[list[float]] = []
+        self.blocks: list[tuple[str, Ints]] = []
+        self.labels: dict[str, list[int]] = {"NSET": [], "ELSET": []}
+        self.sets: dict[str, Sets] = {"NSET": {}, "ELSET": {}}
+        self.internal: set[str] = set()
+        self.surfaces: list[tuple[dict[str, str], list[str]]] = []
+        self.instances = 0
+
+    def add(self, keyword: str, options: dict[str, str], lines: list[str]) -> None:
+        """Add a section."""
         entity = "NSET" if keyword in ("NODE", "NSET") else "ELSET"
         members: list[Any] = []
+        self.instances += keyword == "INSTANCE"
+        if keyword in _GENERATED or self.instances > 1 or (keyword == "INSTANCE" and lines):
+            raise MeshError(
+                f"*{keyword} moves or generates nodes and is not read; write the file without "
+                "parts and instances (noPartsInputFile=ON in Abaqus/CAE)."
+            )
         if keyword == "NODE":
             rows = [[item.strip() for item in line.split(",")] for line in lines]
-            x += [[float(item or 0.0) for item in [*row[1:], "", ""][:3]] for row in rows]
-            labels[entity] += (members := [int(row[0]) for row in rows])
+            self.x += [[float(item or 0.0) for item in [*row[1:], "", ""][:3]] for row in rows]
+            self.labels[entity] += (members := [int(row[0]) for row in rows])
         elif keyword == "ELEMENT":
             kind, members, nodes = _elements(options.get("TYPE", "").upper(), lines)
-            labels[entity] += members
-            blocks.append((kind, nodes))
+            self.labels[entity] += members
+            self.blocks.append((kind, nodes))
         elif keyword in ("NSET", "ELSET"):
             members = _members(options, lines)
-        if members and (name := options.get(entity)):
-            sets[entity].setdefault(name.upper(), (name, []))[1].extend(members)
-    _refuse_assemblies(sections)
-    known = {entity: np.array(of, dtype=np.int64) for entity, of in labels.items()}
+            self.internal |= {options.get(entity, "").upper()} if "INTERNAL" in options else set()
+        elif keyword == "SURFACE":
+            self.surfaces.append((options, lines))
+        if keyword in ("NODE", "ELEMENT", "NSET", "ELSET") and (name := options.get(entity)):
+            self.sets[entity].setdefault(name.upper(), (name, []))[1].extend(members)
 
-    def read_sets(what: str, entity: str) -> dict[str, Ints]:
-        return {
-            name: positions(what, known[entity], _labels(sets[entity], name))
-            for key, (name, _) in sets[entity].items()
-            if key not in internal
-        }
-
-    mesh = FileMesh.of(
-        np.array(x).reshape(-1, 3),
-        [(kind, positions("node", known["NSET"], nodes)) for kind, nodes in blocks],
-        element_sets=read_sets("element", "ELSET"),
-        node_sets=read_sets("node", "NSET"),
-    )
-    for _, options, lines in (section for section in sections if section[0] == "SURFACE"):
-        name = options.get("NAME", "")
-        if options.get("TYPE", "ELEMENT").upper() != "ELEMENT" or "COMBINE" in options:
-            warn(f"The surface {name!r} does not consist of faces of elements and is not read.")
-            continue
-        for line in lines:
-            item, _, face = (text.strip() for text in line.partition(","))
-            chosen = positions("element", known["ELSET"], _labels(sets["ELSET"], item))
-            mesh.facets.setdefault(name, []).extend(_faces(mesh, chosen, name, face))
-    return mesh
+    def mesh(self) -> FileMesh:
+        """Return the mesh with numbers instead of labels."""
+        nodes, elements = (np.array(of, dtype=np.int64) for of in self.labels.values())
+        of_nodes, of_elements = (
+            {
+                name: positions(what, labels, _labels(self.sets[entity], name))
+                for key, (name, _) in self.sets[entity].items()
+                if key not in self.internal
+            }
+            for entity, what, labels in (("NSET", "node", nodes), ("ELSET", "element", elements))
+        )
+        mesh = FileMesh.of(
+            np.array(self.x).reshape(-1, 3),
+            [(kind, positions("node", nodes, rows)) for kind, rows in self.blocks],
+            element_sets=of_elements,
+            node_sets=of_nodes,
+        )
+        for options, lines in self.surfaces:
+            name = options.get("NAME", "")
+            if options.get("TYPE", "ELEMENT").upper() != "ELEMENT" or "COMBINE" in options:
+                warn(f"The surface {name!r} does not consist of faces of elements; it is not read.")
+                continue
+            for line in lines:
+                item, _, face = (text.strip() for text in line.partition(","))
+                own = positions("element", elements, _labels(self.sets["ELSET"], item))
+                mesh.facets.setdefault(name, []).extend(_faces(mesh, own, name, face))
+        return mesh
 
 
 def _sections(path: Path) -> Iterator[tuple[str, dict[str, str], list[str]]]:
@@ -111,21 +134,6 @@ def _sections(path: Path) -> Iterator[tuple[str, dict[str, str], list[str]]]:
             header, lines = line, []
 
 
-def _refuse_assemblies(sections: list[tuple[str, dict[str, str], list[str]]]) -> None:
-    """Raise a MeshError for nodes that are moved or generated."""
-    moved = [lines for keyword, _, lines in sections if keyword == "INSTANCE"]
-    found = [keyword for keyword, _, _ in sections if keyword in _GENERATED]
-    found += ["INSTANCE"] if len(moved) > 1 or any(moved) else []
-    found += [
-        "NODE, SYSTEM" for key, options, _ in sections if key == "NODE" and "SYSTEM" in options
-    ]
-    if found:
-        raise MeshError(
-            f"*{found[0]} moves or generates nodes and is not read; write the file without parts "
-            "and instances (noPartsInputFile=ON in Abaqus/CAE)."
-        )
-
-
 def _elements(name: str, lines: list[str]) -> tuple[str, list[int], Ints]:
     """Return the kind, the labels and the nodes of the elements of a section."""
     for pattern, kinds in _TYPES.items():
@@ -133,7 +141,7 @@ def _elements(name: str, lines: list[str]) -> tuple[str, list[int], Ints]:
             items = [int(item) for item in ",".join(lines).split(",") if item.strip()]
             table = np.array(items, dtype=np.int64).reshape(-1, count + 1)
             nodes = table[:, 1:][:, _C3D27 if count == 27 else slice(None)]
-            return kinds[count], table[:, 0].tolist(), nodes
+            return kinds[count], list(map(int, table[:, 0])), nodes
     # The nodes are not needed; an element continues after a line that ends with a comma.
     starts = [k == 0 or not lines[k - 1].endswith(",") for k in range(len(lines))]
     labels = [int(line.split(",")[0]) for line, start in zip(lines, starts, strict=True) if start]

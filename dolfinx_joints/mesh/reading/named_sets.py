@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Meshes of other programs, with several kinds of elements and named sets, made into a `RawMesh`."""
+"""Meshes with several kinds of elements and named sets, converted into a `RawMesh`."""
 
 from __future__ import annotations
 
@@ -23,21 +23,23 @@ from dolfinx_joints.mesh.preparation import joint_names
 
 _DIMENSION = {"line": 1, "triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 _DIMENSION |= {"pyramid": 3, "wedge": 3}
-# Numbers of nodes of the cells that are read; the first one has degree 1.
-_SIZES = {"triangle": (3, 6), "quadrilateral": (4, 8, 9), "tetrahedron": (4, 10)}
-_SIZES |= {"hexahedron": (8, 20, 27)}
-# Corners and edge nodes of the faces of a brick, in VTK's order of the face nodes.
+_SIZES: dict[
+    str, tuple[int, ...]
+] = {  # numbers of nodes of the cells that are read; the first one has degree 1
+    "triangle": (3, 6),
+    "quadrilateral": (4, 8, 9),
+    "tetrahedron": (4, 10),
+    "hexahedron": (8, 20, 27),
+}
+# Corners and edge nodes of the faces of a hexahedron, in VTK's order of the face nodes.
 _FACES = [[0, 3, 7, 4, 11, 19, 15, 16], [1, 2, 6, 5, 9, 18, 13, 17], [0, 1, 5, 4, 8, 17, 12, 16]]
 _FACES += [[3, 2, 6, 7, 10, 18, 14, 19], [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]]
-# Kind and opposite vertices of the elements of a joint, by the number of vertices.
-_LAYERS = {
+_LAYERS = {  # kind and opposite vertices of the elements of a joint, by the number of vertices
     4: ("quadrilateral", [[0, 1], [3, 2]]),
     6: ("wedge", [[0, 1, 2], [3, 4, 5]]),
     8: ("hexahedron", [[0, 1, 2, 3], [4, 5, 6, 7]]),
 }
 COINCIDENT = 1e-6  # nodes coincide if distance / edge length is below this limit
-
-Facets = dict[str, list[Ints]]
 
 
 @dataclass(kw_only=True)
@@ -59,7 +61,7 @@ class FileMesh:
     nodes: Ints
     element_sets: dict[str, Ints]
     node_sets: dict[str, Ints]
-    facets: Facets = field(default_factory=dict)
+    facets: dict[str, list[Ints]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, x: Floats, blocks: Sequence[tuple[str, Ints]], **sets: Any) -> FileMesh:
@@ -92,7 +94,7 @@ def named_mesh(file: FileMesh, joints: list[str] | None) -> tuple[RawMesh, list[
 
     Coincident faces of a joint are merged, because `prepare` splits them again.
     """
-    dims = np.array([_DIMENSION.get(kind, 0) for kind in file.kind.tolist()])
+    dims = np.array([_DIMENSION.get(str(kind), 0) for kind in file.kind], dtype=np.int64)
     dim = dims.max(initial=0)
     if others := Counter(file.kind[(dims == 0) & (file.kind != "cohesive")].tolist()):
         found = ", ".join(f"{count} {kind}" for kind, count in others.items())
@@ -100,26 +102,27 @@ def named_mesh(file: FileMesh, joints: list[str] | None) -> tuple[RawMesh, list[
     is_layer, layers = _add_layers(file, dims == dim)
     is_cell = (dims == dim) & ~is_layer
     shape, cells, x = _cells(file, is_cell)
-    number = np.where(is_cell, np.cumsum(is_cell) - 1, -1)
-    corners = shape.facet_vertices.shape[1]
+    number, corners = np.cumsum(is_cell) - 1, shape.facet_vertices.shape[1]
     groups: dict[str, Ints] = {}
     for name, members in file.element_sets.items():
-        if len(own := number[members[is_cell[members]]]):
-            groups[name] = np.unique(own)
+        if len(own := np.unique(number[members[is_cell[members]]])):
+            groups[name] = own
         if len(own := members[dims[members] == dim - 1]):
             file.facets.setdefault(name, []).append(file.nodes[own, :corners])
         elif name not in groups and name not in layers:
             warn(f"The set {name!r} has no cells or facets and is not read.")
     _add_node_sets(file, cells, shape, groups)
-    facets = _checked(file.facets, corners, cells)
-    raw = RawMesh(
-        shape=shape, cells=cells, x=x[:, : shape.dim], cell_groups=groups, facet_groups=facets
-    )
-    if joints is None and layers:
-        joints = list(dict.fromkeys([*joint_names(raw, None)[0], *layers]))
-    raw = _merged(raw, {*layers, *(joint_names(raw, None)[0] if joints is None else joints)})
+    facets, used = {}, np.unique(cells)
+    for name, parts in file.facets.items():
+        if any(part.shape[1] != corners or not np.isin(part, used).all() for part in parts):
+            raise MeshError(f"the group {name!r} has facets that are not faces of the cells.")
+        facets[name] = np.concatenate(parts)
+    x = x[:, : shape.dim]
+    raw = RawMesh(shape=shape, cells=cells, x=x, cell_groups=groups, facet_groups=facets)
+    named = joint_names(raw, None)[0] if joints is None else joints
+    raw = _merged(raw, {*layers, *named})
     check_curves(shape, raw.x, raw.cells, "The mesh")
-    return raw, joints
+    return raw, list(dict.fromkeys([*named, *layers])) if layers and joints is None else joints
 
 
 def _cells(file: FileMesh, is_cell: Flags) -> tuple[CellShape, Ints, Floats]:
@@ -129,25 +132,23 @@ def _cells(file: FileMesh, is_cell: Flags) -> tuple[CellShape, Ints, Floats]:
     geometry stays the same: serendipity functions are a part of the quadratic Lagrange functions.
     """
     nodes, x = file.nodes[is_cell], file.x
-    sizes = (nodes >= 0).sum(axis=1).tolist()
-    counts = Counter(zip(file.kind[is_cell].tolist(), sizes, strict=True))
-    (kind, size), *others = counts or [("", 0)]
+    sizes = map(int, (nodes >= 0).sum(axis=1))
+    counts = Counter(zip(map(str, file.kind[is_cell]), sizes, strict=True))
+    (kind, size), *others = list(counts) or [("", 0)]
     if others or size not in _SIZES.get(kind, ()):
         found = ", ".join(f"{n} {kind} ({size} nodes)" for (kind, size), n in counts.items())
         allowed = "; ".join(f"{kind}: {', '.join(map(str, n))}" for kind, n in _SIZES.items())
         raise MeshError(
-            f"the cells are: {found or 'none'}. Cells of one kind are needed, with these numbers of "
-            f"nodes: {allowed}. Mesh the whole body with tetrahedra if it needs wedges."
+            f"the cells are: {found or 'none'}. Cells of one kind are needed, with one of these "
+            f"numbers of nodes: {allowed}. Mesh the whole body with tetrahedra if it needs wedges."
         )
     nodes, dim = nodes[:, :size], _DIMENSION[kind]
     if x.shape[1] > dim and np.ptp(x[nodes, 2]) > 1e-9 * np.ptp(x[nodes], axis=(0, 1)).max():
         raise MeshError("the mesh is a surface, but not in a plane z = constant.")
     in_face = np.repeat([-0.25, 0.5], 4)  # serendipity functions of corners and edges
     if (kind, size) == ("quadrilateral", 8):
-        nodes, x = (
-            np.insert(nodes, 8, len(x) + np.arange(len(nodes)), 1),
-            np.vstack([x, in_face @ x[nodes]]),
-        )
+        added = len(x) + np.arange(len(nodes))
+        x, nodes = np.vstack([x, in_face @ x[nodes]]), np.column_stack([nodes, added])
     elif (kind, size) == ("hexahedron", 20):
         faces = nodes[:, _FACES].reshape(-1, 8)
         key = np.sort(faces[:, :4], axis=1)
@@ -166,72 +167,57 @@ def _add_layers(file: FileMesh, is_cell: Flags) -> tuple[Flags, list[str]]:
     Returns:
         True for each of these elements, shape (elements,), and the names of their sets.
     """
-    is_layer, names = np.zeros(len(file.kind), dtype=bool), []
-    thick, named, sizes = is_layer.copy(), is_layer.copy(), (file.nodes >= 0).sum(axis=1)
+    sizes, cohesive = (file.nodes >= 0).sum(axis=1), file.kind == "cohesive"
+    layer, thick = np.zeros_like(sizes), np.zeros_like(cohesive)  # number of vertices; is it thick?
     for size, (kind, halves) in _LAYERS.items():
-        is_cohesive = (file.kind == "cohesive") & (sizes == size)
-        own = np.flatnonzero(is_cohesive | (is_cell & (file.kind == kind)))
+        own = np.flatnonzero(cohesive & (sizes == size) | is_cell & (file.kind == kind))
         a, b = (file.x[file.nodes[own][:, half]] for half in halves)
         limit = COINCIDENT * np.linalg.norm(a[:, 1] - a[:, 0], axis=1)
         thick[own] = np.linalg.norm(a - b, axis=2).max(axis=1) > limit
-        is_layer[own] = is_cohesive[own] | ~thick[own]
+        layer[own[cohesive[own] | ~thick[own]]] = size
+    names, unnamed = [], layer > 0
     for name, members in file.element_sets.items():
-        if len(members) and is_layer[members].all():
+        if len(members) and layer[members].all():
             ends = ("-", "+") if thick[members].any() else ("", "")
-            for kind_size in np.unique(sizes[members]):
-                own = members[sizes[members] == kind_size]
-                for end, half in zip(ends, _LAYERS[kind_size][1], strict=True):
+            for size in np.unique(layer[members]):
+                own = members[layer[members] == size]
+                for end, half in zip(ends, _LAYERS[size][1], strict=True):
                     file.facets.setdefault(name + end, []).append(file.nodes[own][:, half])
             names.append(name)
-            named[members] = True
-    if unnamed := np.count_nonzero(is_layer & ~named):
+            unnamed[members] = False
+    if unnamed.any():
         raise MeshError(
-            f"{unnamed} cohesive elements or cells without thickness are in no set of their own; "
-            "put those of each joint into an element set."
+            f"{unnamed.sum()} cohesive elements or cells without thickness are in no set of their "
+            "own; put those of each joint into an element set."
         )
-    return is_layer, names
+    return layer > 0, names
 
 
 def _add_node_sets(file: FileMesh, cells: Ints, shape: CellShape, groups: dict[str, Ints]) -> None:
-    """Add the facets with all vertices in a node set to the facets of its name."""
-    local, facets = shape.facet_vertices, file.facets
+    """Add the facets with all vertices in a node set, unless an element set has its nodes."""
+    local = shape.facet_vertices
     corners = cells[:, : int(local.max()) + 1]
-    faces = corners[:, local].reshape(-1, local.shape[1])
-    unread = []
+    faces, unread = corners[:, local].reshape(-1, local.shape[1]), []
     for name, members in file.node_sets.items():
-        in_set = np.zeros(cells.max() + 1, dtype=bool)
-        in_set[members[members < len(in_set)]] = True
-        same = [cells[groups[name]]] if name in groups else []
-        if any(in_set[nodes].all() for nodes in (*same, *facets.get(name, ()))):
-            continue  # the set has the nodes of the elements of the same name
-        if name in facets:
-            raise MeshError(
-                f"{name!r} is a node set and a set of other facets; rename one of them."
-            )
-        found = faces[in_set[faces].all(axis=1)]
-        inside = corners[in_set[corners].all(axis=1)]
+        in_set = np.zeros(max(cells.max(), members.max(initial=0)) + 1, dtype=bool)
+        in_set[members] = True
+        found, whole = faces[in_set[faces].all(axis=1)], corners[in_set[corners].all(axis=1)]
+        of_elements = [corners[groups[name]]] if name in groups else []
+        if any(
+            parts and all(in_set[nodes].all() for nodes in parts)
+            for parts in (of_elements, file.facets.get(name))
+        ):
+            continue
+        if name in file.facets:
+            raise MeshError(f"{name!r} is a node set and a set of other facets; rename one.")
         if not len(found) and name.lower().startswith("joint"):
             raise MeshError(f"no facet has all its vertices in the node set {name!r}.")
-        if len(found) and not np.isin(found, inside).all():
-            facets[name] = [np.unique(np.sort(found, axis=1), axis=0)]
-        else:
+        if np.isin(found, whole).all():
             unread.append(name)
+        else:
+            file.facets[name] = [np.unique(np.sort(found, axis=1), axis=0)]
     if unread:
         warn(f"Node sets that are not facets of the body and are not read: {', '.join(unread)}.")
-
-
-def _checked(facets: Facets, corners: int, cells: Ints) -> dict[str, Ints]:
-    """Return the facets of each group that has any."""
-    groups, used = {}, np.unique(cells)
-    for name, parts in facets.items():
-        rows = [part for part in parts if len(part)]
-        if any(part.shape[1] != corners or not np.isin(part, used).all() for part in rows):
-            raise MeshError(f"the group {name!r} has facets that are not faces of the cells.")
-        if rows:
-            groups[name] = np.concatenate(rows)
-        else:
-            warn(f"The set {name!r} is empty and is not read.")
-    return groups
 
 
 def _merged(raw: RawMesh, joints: Collection[str]) -> RawMesh:

@@ -81,8 +81,7 @@ def read_mesh(
     def prepare_mesh() -> PreparedMesh:
         from dolfinx_joints.mesh.reading.other_programs import load_mesh
 
-        raw, names = load_mesh(Path(path), unit, joints)
-        return prepare(raw, names)
+        return prepare(*load_mesh(Path(path), unit, joints))
 
     return distribute(comm, prepare_mesh)
 

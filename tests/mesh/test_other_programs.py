@@ -57,9 +57,9 @@ def results(jointed):
     ]
 
 
-def check_equal(found, wanted):
+def check_equal(results_of_file, expected):
     """Check that results are equal to 1e-10 of the largest number of each quantity."""
-    for one, other in zip(found, wanted, strict=True):
+    for one, other in zip(results_of_file, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-10 * np.abs(other).max())
 
 
@@ -76,7 +76,7 @@ def on_root(comm, write):
 
 
 def write_inp(msh, path, *, serendipity):
-    """Write a .msh file as Abaqus input by Gmsh, which names element and node sets alike."""
+    """Write a .msh file as Abaqus input by Gmsh, with element and node sets of the same names."""
     with gmsh_model.gmsh_session():
         gmsh.merge(str(msh))
         if serendipity:
@@ -90,7 +90,7 @@ def write_inp(msh, path, *, serendipity):
 @pytest.mark.parametrize("suffix", [".inp", ".med"])
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_statics_and_modes_are_those_of_the_msh_file(comm, mesh_file, new_path, element, suffix):
-    """The cells are the same, so that all results are equal to rounding errors."""
+    """Check a file with the same cells: all results are equal to rounding errors."""
     cell, order, serendipity = ELEMENTS[element]
     msh = mesh_file(two_blocks, size=0.5, angle=20.0, cell=cell, order=order)
     path = new_path(f"blocks{suffix}")
@@ -98,27 +98,27 @@ def test_statics_and_modes_are_those_of_the_msh_file(comm, mesh_file, new_path, 
         on_root(comm, lambda: write_inp(msh, path, serendipity=serendipity))
     else:
         on_root(comm, lambda: med_of(load_msh(msh), path, serendipity=serendipity))
-    expected, found = dj.read_msh(msh, comm), dj.read_mesh(path, comm, unit="m")
-    assert found.shape == expected.shape
-    assert found.joint_names == expected.joint_names == ("joint_1",)
-    assert expected.facet_groups.keys() <= found.facet_groups.keys()
+    expected, jointed = dj.read_msh(msh, comm), dj.read_mesh(path, comm, unit="m")
+    assert jointed.shape == expected.shape
+    assert jointed.joint_names == expected.joint_names == ("joint_1",)
+    assert expected.facet_groups.keys() <= jointed.facet_groups.keys()
     for group in ("lower", "upper"):
-        sizes = [size(jointed, jointed.dx(group)) for jointed in (found, expected)]
+        sizes = [size(mesh, mesh.dx(group)) for mesh in (jointed, expected)]
         assert sizes[0] == pytest.approx(sizes[1], rel=1e-12)
-    check_equal(results(found), results(expected))
+    check_equal(results(jointed), results(expected))
 
 
 def test_curved_dam_with_all_its_joints(comm, mesh_file, new_path):
     """Gmsh's hexahedra of 27 nodes keep the nodes in the faces, which are on the curved surface."""
     msh, path = mesh_file(ambiesta, size=20.0, order=2), new_path("dam.med")
     on_root(comm, lambda: med_of(load_msh(msh), path))
-    expected, found = dj.read_msh(msh, comm), dj.read_mesh(path, comm, unit="m")
-    assert found.joint_names == expected.joint_names
+    expected, jointed = dj.read_msh(msh, comm), dj.read_mesh(path, comm, unit="m")
+    assert jointed.joint_names == expected.joint_names
     for group in expected.cell_groups:
-        sizes = [size(jointed, jointed.dx(group)) for jointed in (found, expected)]
+        sizes = [size(mesh, mesh.dx(group)) for mesh in (jointed, expected)]
         assert sizes[0] == pytest.approx(sizes[1], rel=1e-12)
     for name in expected.joint_names:
-        areas = [size(jointed, jointed.dS(name)) for jointed in (found, expected)]
+        areas = [size(mesh, mesh.dS(name)) for mesh in (jointed, expected)]
         assert areas[0] == pytest.approx(areas[1], rel=1e-12)
 
 
@@ -257,7 +257,7 @@ def serendipity_volume(x):
 
 
 def test_curved_brick_of_20_nodes_keeps_its_geometry(comm, inp):
-    """A 20-node brick with bent edges has the volume of its own shape functions."""
+    """Check the volume of a 20-node brick with bent edges against its shape functions."""
     corners = 4.0 * CUBE
     x = np.vstack([corners, [(corners[a] + corners[b]) / 2 for a, b in EDGES]])
     x += 0.3 * np.random.default_rng(3).uniform(-1, 1, x.shape)
@@ -290,7 +290,7 @@ PLANE = """\
 
 
 def test_plane_mesh(comm, inp):
-    """The upper edge is a parabola with rise 0.2 m: area 2 + 2/3 0.2 2 m^2."""
+    """Check areas. The upper edge is a parabola with rise 0.2 m: area 2 + 2/3 0.2 2 m^2."""
     jointed = dj.read_mesh(inp(PLANE), comm, unit="m")
     assert sorted(jointed.facet_groups) == ["base", "top"]
     assert size(jointed, jointed.dx("dam")) == pytest.approx(2.0 + 0.8 / 3.0, rel=1e-12)
@@ -327,7 +327,7 @@ FACES = "*Surface, name=joint_a-\n lower, S2\n*Surface, name=joint_a+\n upper, S
     ids=["cohesive", "flat", "nodes of both faces", "nodes of one face", "two surfaces"],
 )
 def test_duplicated_nodes_become_a_joint(comm, inp, joint, name):
-    """The results are those of the conforming mesh that the package splits."""
+    """Check that results are those of the conforming mesh that the package splits."""
     text = BRICKS.replace("*Nset, nset=crest, instance=dam-1\n 101, 102\n", "")
     conforming = dj.read_mesh(inp(text), comm, unit="m")
     jointed = dj.read_mesh(inp(COHESIVE + joint), comm, unit="m")

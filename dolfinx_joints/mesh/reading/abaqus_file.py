@@ -88,11 +88,11 @@ class _Content:
         nodes, elements = (np.array(of, dtype=np.int64) for of in self.labels.values())
         of_nodes, of_elements = (
             {
-                name: positions(what, labels, _labels(self.sets[entity], name))
+                name: positions(word, labels, _labels(self.sets[entity], name))
                 for key, (name, _) in self.sets[entity].items()
                 if key not in self.internal
             }
-            for entity, what, labels in (("NSET", "node", nodes), ("ELSET", "element", elements))
+            for entity, word, labels in (("NSET", "node", nodes), ("ELSET", "element", elements))
         )
         mesh = FileMesh.of(
             np.array(self.x).reshape(-1, 3),

@@ -72,7 +72,7 @@ class FileMesh:
         return cls(x=x, kind=kind, nodes=np.vstack([np.empty((0, width), int), *rows]), **sets)
 
 
-def positions(what: str, labels: Ints, wanted: Any) -> Ints:
+def positions(entity: str, labels: Ints, wanted: Any) -> Ints:
     """Return the positions of wanted labels, an array of any shape, in the labels of a file.
 
     Raises:
@@ -82,10 +82,10 @@ def positions(what: str, labels: Ints, wanted: Any) -> Ints:
     order = np.argsort(labels, kind="stable")
     ordered = np.append(labels[order], np.iinfo(np.int64).max)
     if len(twice := ordered[1:][ordered[1:] == ordered[:-1]]):
-        raise MeshError(f"{what} {twice[0]} is defined twice.")
+        raise MeshError(f"{entity} {twice[0]} is defined twice.")
     place = np.searchsorted(ordered, wanted)
     if len(lost := wanted[ordered[place] != wanted]):
-        raise MeshError(f"{what} {lost[0]} is used, but the file does not define it.")
+        raise MeshError(f"{entity} {lost[0]} is used, but the file does not define it.")
     return order[place]
 
 
@@ -97,8 +97,8 @@ def named_mesh(file: FileMesh, joints: list[str] | None) -> tuple[RawMesh, list[
     dims = np.array([_DIMENSION.get(str(kind), 0) for kind in file.kind], dtype=np.int64)
     dim = dims.max(initial=0)
     if others := Counter(file.kind[(dims == 0) & (file.kind != "cohesive")].tolist()):
-        found = ", ".join(f"{count} {kind}" for kind, count in others.items())
-        warn(f"Elements that are not read: {found}.")
+        counts = ", ".join(f"{count} {kind}" for kind, count in others.items())
+        warn(f"Elements that are not read: {counts}.")
     is_layer, layers = _add_layers(file, dims == dim)
     is_cell = (dims == dim) & ~is_layer
     shape, cells, x = _cells(file, is_cell)
@@ -136,10 +136,10 @@ def _cells(file: FileMesh, is_cell: Flags) -> tuple[CellShape, Ints, Floats]:
     counts = Counter(zip(map(str, file.kind[is_cell]), sizes, strict=True))
     (kind, size), *others = list(counts) or [("", 0)]
     if others or size not in _SIZES.get(kind, ()):
-        found = ", ".join(f"{n} {kind} ({size} nodes)" for (kind, size), n in counts.items())
+        present = ", ".join(f"{n} {kind} ({size} nodes)" for (kind, size), n in counts.items())
         allowed = "; ".join(f"{kind}: {', '.join(map(str, n))}" for kind, n in _SIZES.items())
         raise MeshError(
-            f"the cells are: {found or 'none'}. Cells of one kind are needed, with one of these "
+            f"the cells are: {present or 'none'}. Cells of one kind are needed, with one of these "
             f"numbers of nodes: {allowed}. Mesh the whole body with tetrahedra if it needs wedges."
         )
     nodes, dim = nodes[:, :size], _DIMENSION[kind]
@@ -201,7 +201,7 @@ def _add_node_sets(file: FileMesh, cells: Ints, shape: CellShape, groups: dict[s
     for name, members in file.node_sets.items():
         in_set = np.zeros(max(cells.max(), members.max(initial=0)) + 1, dtype=bool)
         in_set[members] = True
-        found, whole = faces[in_set[faces].all(axis=1)], corners[in_set[corners].all(axis=1)]
+        inside, whole = faces[in_set[faces].all(axis=1)], corners[in_set[corners].all(axis=1)]
         of_elements = [corners[groups[name]]] if name in groups else []
         if any(
             parts and all(in_set[nodes].all() for nodes in parts)
@@ -210,12 +210,12 @@ def _add_node_sets(file: FileMesh, cells: Ints, shape: CellShape, groups: dict[s
             continue
         if name in file.facets:
             raise MeshError(f"{name!r} is a node set and a set of other facets; rename one.")
-        if not len(found) and name.lower().startswith("joint"):
+        if not len(inside) and name.lower().startswith("joint"):
             raise MeshError(f"no facet has all its vertices in the node set {name!r}.")
-        if np.isin(found, whole).all():
+        if np.isin(inside, whole).all():
             unread.append(name)
         else:
-            file.facets[name] = [np.unique(np.sort(found, axis=1), axis=0)]
+            file.facets[name] = [np.unique(np.sort(inside, axis=1), axis=0)]
     if unread:
         warn(f"Node sets that are not facets of the body and are not read: {', '.join(unread)}.")
 

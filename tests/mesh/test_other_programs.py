@@ -402,9 +402,13 @@ SHELL = "*Element, type=S4, elset=base\n 31, 1, 2, 3, 4\n"
         (BRICKS + "*Instance, name=dam-2, part=dam\n", "*INSTANCE moves or generates nodes and is"),
         (BRICKS + "*NCOPY\n", "*NCOPY moves or generates nodes and is not read; write the file"),
         (BRICKS + "*Nset, nset=a, elset=all\n", "the node set 'a' is given by elements; list its"),
-        (BRICKS.replace("101,\n 102", "101,\n x"), "is damaged, or not a .inp file: ValueError"),
+        (BRICKS.replace("101,\n 102", "101,\n x"), "is damaged, or not a .inp file: Value"),
         (COHESIVE + LAYER.replace(", elset=interface", ""), "1 cohesive elements or cells without"),
         ("", "the cells are: none."),
+        (
+            BRICKS.replace("1, 0., 0., 0.", "1, nan, 0., 0."),
+            "coordinates that are not finite numbers",
+        ),
     ],
 )
 @pytest.mark.filterwarnings("ignore:Node sets that are not facets", "ignore:Elements that are not")
@@ -449,3 +453,16 @@ def test_files_that_cannot_be_read(comm, inp):
         dj.read_mesh("nothing.inp", comm, unit="m")
     with pytest.raises(TypeError, match="unit"):
         dj.read_mesh("nothing.inp", comm)
+    for joints in ("top", 5, [5]):
+        with pytest.raises(
+            dj.MeshError, match=re.escape(f"joints is {joints!r}; it must be a list")
+        ):
+            dj.read_mesh(inp(BRICKS.replace("crest", "base")), comm, unit="m", joints=joints)
+
+
+def test_a_med_file_with_lost_nodes_is_refused(comm, new_path):
+    path = new_path("lost.med")
+    blocks = {"HE8": np.arange(1, 9)[None]}
+    on_root(comm, lambda: write_med(path, CUBE, blocks, {"dam": np.array([0])}))
+    with pytest.raises(dj.MeshError, match="elements have node 9, the last one is 8"):
+        dj.read_mesh(path, comm, unit="m")

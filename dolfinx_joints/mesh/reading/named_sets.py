@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -69,7 +69,10 @@ class FileMesh:
         kind = np.repeat([kind for kind, _ in blocks], [len(nodes) for _, nodes in blocks])
         width = max((nodes.shape[1] for _, nodes in blocks), default=0)
         rows = [np.pad(n, ((0, 0), (0, width - n.shape[1])), constant_values=-1) for _, n in blocks]
-        return cls(x=x, kind=kind, nodes=np.vstack([np.empty((0, width), int), *rows]), **sets)
+        nodes = np.vstack([np.empty((0, width), dtype=np.int64), *rows])
+        if nodes.max(initial=-1) >= len(x):
+            raise MeshError(f"elements have node {nodes.max() + 1}, the last one is {len(x)}.")
+        return cls(x=x, kind=kind, nodes=nodes, **sets)
 
 
 def positions(entity: str, labels: Ints, wanted: Any) -> Ints:
@@ -120,9 +123,11 @@ def named_mesh(file: FileMesh, joints: list[str] | None) -> tuple[RawMesh, list[
     x = x[:, : shape.dim]
     raw = RawMesh(shape=shape, cells=cells, x=x, cell_groups=groups, facet_groups=facets)
     named = joint_names(raw, None)[0] if joints is None else joints
-    raw = _merged(raw, {*layers, *named})
+    if isinstance(named, list | tuple):  # otherwise `prepare` raises an error
+        raw = _merged(raw, [*layers, *named])
+        joints = [*dict.fromkeys([*named, *layers])] if layers and joints is None else joints
     check_curves(shape, raw.x, raw.cells, "The mesh")
-    return raw, list(dict.fromkeys([*named, *layers])) if layers and joints is None else joints
+    return raw, joints
 
 
 def _cells(file: FileMesh, is_cell: Flags) -> tuple[CellShape, Ints, Floats]:
@@ -173,7 +178,7 @@ def _add_layers(file: FileMesh, is_cell: Flags) -> tuple[Flags, list[str]]:
         own = np.flatnonzero(cohesive & (sizes == size) | is_cell & (file.kind == kind))
         a, b = (file.x[file.nodes[own][:, half]] for half in halves)
         limit = COINCIDENT * np.linalg.norm(a[:, 1] - a[:, 0], axis=1)
-        thick[own] = np.linalg.norm(a - b, axis=2).max(axis=1) > limit
+        thick[own] = ~(np.linalg.norm(a - b, axis=2).max(axis=1) <= limit)
         layer[own[cohesive[own] | ~thick[own]]] = size
     names, unnamed = [], layer > 0
     for name, members in file.element_sets.items():
@@ -220,11 +225,11 @@ def _add_node_sets(file: FileMesh, cells: Ints, shape: CellShape, groups: dict[s
         warn(f"Node sets that are not facets of the body and are not read: {', '.join(unread)}.")
 
 
-def _merged(raw: RawMesh, joints: Collection[str]) -> RawMesh:
+def _merged(raw: RawMesh, joints: list[str]) -> RawMesh:
     """Merge nodes that coincide on joints, and drop nodes without cells."""
     shape, cells, x = raw.shape, raw.cells, raw.x
     new = np.arange(len(x))
-    for facets in (raw.facet_groups[name] for name in joints if name in raw.facet_groups):
+    for facets in (rows for name, rows in raw.facet_groups.items() if name in joints):
         owner, count = find_facets(shape, cells, new[facets])
         outer = owner[count == 1, 0]
         if not len(outer):

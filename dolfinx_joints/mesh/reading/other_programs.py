@@ -34,10 +34,14 @@ def load_mesh(
             "and .xdmf by read_msh and read_xdmf."
         )
     try:
-        raw, names = named_mesh(FORMATS[suffix](path), joints)
+        try:
+            file = FORMATS[suffix](path)
+        except (ArithmeticError, LookupError, OSError, TypeError, ValueError) as error:
+            if isinstance(error, MeshError):
+                raise
+            reason = f"{type(error).__name__}, {error}"
+            raise MeshError(f"the file is damaged, or not a {suffix} file: {reason}.") from error
+        raw, names = named_mesh(file, joints)
     except MeshError as error:
-        raise MeshError(f"{str(path)!r}: {error}") from None
-    except (ArithmeticError, LookupError, OSError, TypeError, ValueError) as error:
-        reason = f"{type(error).__name__}, {error}"
-        raise MeshError(f"{str(path)!r} is damaged, or not a {suffix} file: {reason}.") from error
+        raise MeshError(f"{str(path)!r}: {error}") from error
     return replace(raw, x=scale * raw.x), names

@@ -383,7 +383,7 @@ SHELL = "*Element, type=S4, elset=base\n 31, 1, 2, 3, 4\n"
         (BRICKS + WEDGE, "the cells are: 2 hexahedron (8 nodes), 1 wedge (6 nodes). Cells of one"),
         (
             BRICKS.replace("C3D8R", "SPRINGA"),
-            "surface 'top' has the unknown face 'S2' of a SPRINGA",
+            "surface 'top' has an unknown side of a SPRINGA",
         ),
         (BRICKS.replace("10, 1, 2, 3, 4", "10, 1, 2, 4, 3"), "cells are partly inside out, the"),
         (
@@ -395,7 +395,7 @@ SHELL = "*Element, type=S4, elset=base\n 31, 1, 2, 3, 4\n"
         (BRICKS.replace("lower, UPPER", "all"), "the set 'all' is used, but the file does not"),
         (BRICKS.replace("   12,", "   11,"), "node 11 is defined twice."),
         (BRICKS.replace(" 20, 11", " 10, 11"), "element 10 is defined twice."),
-        (BRICKS.replace("_top_S2, S2", "20, S7"), "surface 'top' has the unknown face 'S7' of a"),
+        (BRICKS.replace("_top_S2, S2", "20, S7"), "surface 'top' has an unknown side of a hexa"),
         (BRICKS.replace(" 11, 14\n", " 11, 12\n"), "all its vertices in the node set 'Joint_1'."),
         (BRICKS.replace("11, 14\n", "1, 4\n"), "Joint 'Joint_1': 1 of its facets do not have one"),
         (BRICKS + "*Nset, nset=top\n 1, 2\n", "'top' is a node set and a set of other facets"),

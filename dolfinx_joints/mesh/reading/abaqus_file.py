@@ -108,7 +108,8 @@ class _Content:
             for line in lines:
                 item, _, face = (text.strip() for text in line.partition(","))
                 own = positions("element", elements, _labels(self.sets["ELSET"], item))
-                mesh.facets.setdefault(name, []).extend(_faces(mesh, own, name, face))
+                side = int(face[1:]) if face[:1] in "Ss" and face[1:].isdigit() else 0
+                mesh.add_sides(name, own, side, _SIDES)
         return mesh
 
 
@@ -168,15 +169,3 @@ def _labels(sets: Sets, item: Any, within: tuple[str, ...] = ()) -> list[int]:
         raise MeshError(f"the set {shown(item)} is used, but the file does not define it.")
     inner = (_labels(sets, member, (*within, key)) for member in sets[key][1])
     return sorted({label for labels in inner for label in labels})
-
-
-def _faces(mesh: FileMesh, elements: Ints, surface: str, face: str) -> list[Ints]:
-    """Return the vertices of the faces S1 to S6 of elements, in an array for each kind."""
-    faces = []
-    for kind in np.unique(mesh.kind[elements]):
-        sides = {f"S{k + 1}": side for k, side in enumerate(_SIDES.get(kind, ()))}
-        if face.upper() not in sides:
-            raise MeshError(f"the surface {surface!r} has the unknown face {face!r} of a {kind}.")
-        local = [int(vertex) - 1 for vertex in sides[face.upper()]]
-        faces.append(mesh.nodes[elements[mesh.kind[elements] == kind]][:, local])
-    return faces

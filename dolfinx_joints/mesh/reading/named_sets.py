@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -73,6 +73,20 @@ class FileMesh:
         if nodes.max(initial=-1) >= len(x):
             raise MeshError(f"elements have node {nodes.max() + 1}, the last one is {len(x)}.")
         return cls(x=x, kind=kind, nodes=nodes, **sets)
+
+    def add_sides(
+        self, name: str, elements: Ints, side: int, sides: Mapping[str, Sequence[str]]
+    ) -> None:
+        """Add a side of elements to the facets of a name.
+
+        ``sides`` has the vertices of the sides of each kind; sides and vertices count from 1.
+        """
+        for kind in np.unique(self.kind[elements]):
+            if not 1 <= side <= len(sides.get(kind, ())):
+                raise MeshError(f"the surface {name!r} has an unknown side of a {kind}.")
+            local = [int(vertex) - 1 for vertex in sides[kind][side - 1]]
+            own = self.nodes[elements[self.kind[elements] == kind]]
+            self.facets.setdefault(name, []).append(own[:, local])
 
 
 def positions(entity: str, labels: Ints, wanted: Any) -> Ints:

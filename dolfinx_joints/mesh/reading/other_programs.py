@@ -12,10 +12,14 @@ from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_file, real, shown
 from dolfinx_joints.mesh.cells import RawMesh
 from dolfinx_joints.mesh.reading.abaqus_file import load_inp
+from dolfinx_joints.mesh.reading.exodus_file import load_exodus
 from dolfinx_joints.mesh.reading.med_file import load_med
 from dolfinx_joints.mesh.reading.named_sets import named_mesh
+from dolfinx_joints.mesh.reading.unv_file import load_unv
+from dolfinx_joints.mesh.reading.vtu_file import load_vtu
 
-FORMATS = {".inp": load_inp, ".med": load_med}
+FORMATS = {".inp": load_inp, ".med": load_med, ".unv": load_unv, ".vtu": load_vtu}
+FORMATS |= dict.fromkeys((".exo", ".e", ".ex2", ".g"), load_exodus)
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 
 
@@ -36,7 +40,14 @@ def load_mesh(
     try:
         try:
             file = FORMATS[suffix](path)
-        except (ArithmeticError, LookupError, OSError, TypeError, ValueError) as error:
+        except (
+            ArithmeticError,
+            LookupError,
+            OSError,
+            StopIteration,
+            TypeError,
+            ValueError,
+        ) as error:
             if isinstance(error, MeshError):
                 raise
             reason = f"{type(error).__name__}, {error}"

@@ -36,7 +36,14 @@ def load_mesh(
     try:
         try:
             file = FORMATS[suffix](path)
-        except (ArithmeticError, LookupError, OSError, TypeError, ValueError) as error:
+        except (
+            ArithmeticError,
+            LookupError,
+            OSError,
+            RecursionError,
+            TypeError,
+            ValueError,
+        ) as error:
             if isinstance(error, MeshError):
                 raise
             reason = f"{type(error).__name__}, {error}"

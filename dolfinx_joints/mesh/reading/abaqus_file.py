@@ -68,7 +68,9 @@ class _Content:
                 "parts and instances (noPartsInputFile=ON in Abaqus/CAE)."
             )
         if keyword == "NODE":
-            rows = [[item.strip() for item in line.split(",")] for line in lines]
+            rows = [
+                [i.strip().upper().replace("D", "E") for i in line.split(",")] for line in lines
+            ]
             self.x += [[float(item or 0.0) for item in [*row[1:], "", ""][:3]] for row in rows]
             self.labels[entity] += (members := [int(row[0]) for row in rows])
         elif keyword == "ELEMENT":
@@ -145,7 +147,7 @@ def _elements(name: str, lines: list[str]) -> tuple[str, list[int], Ints]:
     # The nodes are not needed; an element continues after a line that ends with a comma.
     starts = [k == 0 or not lines[k - 1].endswith(",") for k in range(len(lines))]
     labels = [int(line.split(",")[0]) for line, start in zip(lines, starts, strict=True) if start]
-    return name or "without a type", labels, np.empty((len(labels), 0), dtype=np.int64)
+    return name or "element without a type", labels, np.empty((len(labels), 0), dtype=np.int64)
 
 
 def _members(options: dict[str, str], lines: list[str]) -> list[Any]:

@@ -75,7 +75,7 @@ class FileMesh:
     def of(cls, x: Floats, blocks: Sequence[tuple[str, Ints]], **sets: Any) -> FileMesh:
         """Return the mesh of blocks, each with the kind and the nodes of its elements."""
         kind = np.repeat([kind for kind, _ in blocks], [len(nodes) for _, nodes in blocks])
-        width = max((nodes.shape[1] for _, nodes in blocks), default=0)
+        width = max([8, *(nodes.shape[1] for _, nodes in blocks)])
         rows = [np.pad(n, ((0, 0), (0, width - n.shape[1])), constant_values=-1) for _, n in blocks]
         nodes = np.vstack([np.empty((0, width), dtype=np.int64), *rows])
         if not np.isfinite(x).all():

@@ -17,7 +17,8 @@ ORDER = {
     "H27": [*_BRICK, 24, 20, 23, 21, 22, 25, 26],
     "PE6": [0, 2, 1, 3, 5, 4],
 }
-SOLIDS = {4: "TE4", 10: "T10", 8: "HE8", 20: "H20", 27: "H27"}
+CELLS = {(3, 4): "TE4", (3, 10): "T10", (3, 8): "HE8", (3, 20): "H20", (3, 27): "H27"}
+CELLS |= {(2, 3): "TR3", (2, 6): "TR6", (2, 4): "QU4", (2, 9): "QU9"}
 FACES = {2: "SE2", 3: "TR3", 4: "QU4"}
 STEP = "-0000000000000000001-0000000000000000001"
 
@@ -77,7 +78,10 @@ def med_of(raw, path, *, serendipity=False):
     cells, facets = in_vtk_order(raw), list(raw.facet_groups.values())
     cells = cells[:, :20] if serendipity else cells
     x = np.pad(raw.x, ((0, 0), (0, 3 - raw.x.shape[1])))
-    blocks = {SOLIDS[cells.shape[1]]: cells, FACES[facets[0].shape[1]]: np.concatenate(facets)}
+    blocks = {
+        CELLS[raw.shape.dim, cells.shape[1]]: cells,
+        FACES[facets[0].shape[1]]: np.concatenate(facets),
+    }
     sets, start = dict(raw.cell_groups), len(cells)
     for name, own in raw.facet_groups.items():
         sets[name] = np.arange(start, start := start + len(own))

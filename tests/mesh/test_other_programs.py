@@ -5,6 +5,7 @@
 import itertools
 import re
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ import gmsh
 import ufl
 from dolfinx import fem
 from med_files import in_vtk_order, med_of, write_med
+from networks import network
 
 import dolfinx_joints as dj
 from dolfinx_joints.geometry.ambiesta import ambiesta
@@ -347,6 +349,32 @@ def test_cohesive_elements_with_a_thickness_keep_it_as_initial_gap(comm, inp):
     assert comm.allreduce(fem.assemble_scalar(gap)) == pytest.approx(6.0 * 0.01, rel=1e-12)
 
 
+@pytest.mark.parametrize("solid", [False, True], ids=["plane", "solid"])
+@pytest.mark.parametrize("cell", ["tet", "hex"])
+@pytest.mark.parametrize("order", [1, 2])
+def test_duplicated_nodes_at_crossings_and_ends(comm, mesh_file, new_path, cell, order, solid):
+    """Check joints that cross, meet and end in the body, with both faces in one group."""
+    options = {"cell": cell, "order": order, "solid": solid}
+    msh, path = mesh_file(network, **options, duplicated=True), new_path("network.med")
+
+    def write():
+        raw, groups = load_msh(msh), {}
+        for name, rows in raw.facet_groups.items():
+            groups.setdefault(name.rstrip("+-"), []).append(rows)
+        groups = {name: np.concatenate(parts) for name, parts in groups.items()}
+        med_of(replace(raw, facet_groups=groups), path)
+
+    on_root(comm, write)
+    expected = dj.read_msh(mesh_file(network, **options), comm)
+    jointed = dj.read_mesh(path, comm, unit="m")
+    assert jointed.joint_names == expected.joint_names
+    nodes = [mesh.mesh.geometry.index_map().size_global for mesh in (jointed, expected)]
+    assert nodes[0] == nodes[1]
+    for name in expected.joint_names:
+        areas = [size(mesh, mesh.dS(name)) for mesh in (jointed, expected)]
+        assert areas[0] == pytest.approx(areas[1], rel=1e-12)
+
+
 def test_wedges_without_thickness_in_a_med_file(comm, mesh_file, new_path):
     """Joint elements of code_aster: flat wedges between tetrahedra with duplicated nodes."""
     options = {"size": 0.5, "angle": 20.0, "cell": "tet"}
@@ -383,7 +411,7 @@ SHELL = "*Element, type=S4, elset=base\n 31, 1, 2, 3, 4\n"
         (BRICKS + WEDGE, "the cells are: 2 hexahedron (8 nodes), 1 wedge (6 nodes). Cells of one"),
         (
             BRICKS.replace("C3D8R", "SPRINGA"),
-            "surface 'top' has an unknown side of a SPRINGA",
+            "surface 'top' has the unknown side S2 of SPRINGA",
         ),
         (BRICKS.replace("10, 1, 2, 3, 4", "10, 1, 2, 4, 3"), "cells are partly inside out, the"),
         (
@@ -395,7 +423,10 @@ SHELL = "*Element, type=S4, elset=base\n 31, 1, 2, 3, 4\n"
         (BRICKS.replace("lower, UPPER", "all"), "the set 'all' is used, but the file does not"),
         (BRICKS.replace("   12,", "   11,"), "node 11 is defined twice."),
         (BRICKS.replace(" 20, 11", " 10, 11"), "element 10 is defined twice."),
-        (BRICKS.replace("_top_S2, S2", "20, S7"), "surface 'top' has an unknown side of a hexa"),
+        (
+            BRICKS.replace("_top_S2, S2", "20, S7"),
+            "surface 'top' has the unknown side S7 of hexahedron",
+        ),
         (BRICKS.replace(" 11, 14\n", " 11, 12\n"), "all its vertices in the node set 'Joint_1'."),
         (BRICKS.replace("11, 14\n", "1, 4\n"), "Joint 'Joint_1': 1 of its facets do not have one"),
         (BRICKS + "*Nset, nset=top\n 1, 2\n", "'top' is a node set and a set of other facets"),
@@ -404,6 +435,11 @@ SHELL = "*Element, type=S4, elset=base\n 31, 1, 2, 3, 4\n"
         (BRICKS + "*Nset, nset=a, elset=all\n", "the node set 'a' is given by elements; list its"),
         (BRICKS.replace("101,\n 102", "101,\n x"), "is damaged, or not a .inp file: Value"),
         (COHESIVE + LAYER.replace(", elset=interface", ""), "1 cohesive elements or cells without"),
+        (
+            BRICKS.replace("10, 1, 2, 3, 4", "10, 1, 2, 3, 3"),
+            "1 cells have a node twice, the first",
+        ),
+        (BRICKS + "*Include, input=dam_parts.inp\n", "the included file"),
         ("", "the cells are: none."),
         (
             BRICKS.replace("1, 0., 0., 0.", "1, nan, 0., 0."),
@@ -458,6 +494,13 @@ def test_files_that_cannot_be_read(comm, inp):
             dj.MeshError, match=re.escape(f"joints is {joints!r}; it must be a list")
         ):
             dj.read_mesh(inp(BRICKS.replace("crest", "base")), comm, unit="m", joints=joints)
+
+
+def test_a_file_that_includes_itself_is_refused(comm, inp):
+    path = inp("")
+    on_root(comm, lambda: path.write_text(f"*Include, input={path.name}\n"))
+    with pytest.raises(dj.MeshError, match="is damaged, or not a .inp file: RecursionError"):
+        dj.read_mesh(path, comm, unit="m")
 
 
 def test_a_med_file_with_lost_nodes_is_refused(comm, new_path):

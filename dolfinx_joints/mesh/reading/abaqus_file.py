@@ -27,10 +27,10 @@ _TYPES = {  # kinds by the number of nodes, which is in the name of a type
 }
 _C3D27 = [*range(20), 26, 24, 23, 25, 21, 22, 20]  # in Abaqus the centre is before the faces
 _SIDES = {
-    "triangle": ("12", "23", "31"),
-    "quadrilateral": ("12", "23", "34", "41"),
-    "tetrahedron": ("123", "142", "243", "341"),
-    "hexahedron": ("1234", "5876", "1562", "2673", "3784", "4851"),
+    "triangle": {"S1": "12", "S2": "23", "S3": "31"},
+    "quadrilateral": {"S1": "12", "S2": "23", "S3": "34", "S4": "41"},
+    "tetrahedron": {"S1": "123", "S2": "142", "S3": "243", "S4": "341"},
+    "hexahedron": dict(S1="1234", S2="5876", S3="1562", S4="2673", S5="3784", S6="4851"),
 }
 _GENERATED = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM"}
 
@@ -68,7 +68,9 @@ class _Content:
                 "parts and instances (noPartsInputFile=ON in Abaqus/CAE)."
             )
         if keyword == "NODE":
-            rows = [[item.strip() for item in line.split(",")] for line in lines]
+            rows = [
+                [i.strip().upper().replace("D", "E") for i in line.split(",")] for line in lines
+            ]
             self.x += [[float(item or 0.0) for item in [*row[1:], "", ""][:3]] for row in rows]
             self.labels[entity] += (members := [int(row[0]) for row in rows])
         elif keyword == "ELEMENT":
@@ -108,8 +110,7 @@ class _Content:
             for line in lines:
                 item, _, face = (text.strip() for text in line.partition(","))
                 own = positions("element", elements, _labels(self.sets["ELSET"], item))
-                side = int(face[1:]) if face[:1] in "Ss" and face[1:].isdigit() else 0
-                mesh.add_sides(name, own, side, _SIDES)
+                mesh.add_sides(name, own, face.upper(), _SIDES)
         return mesh
 
 
@@ -146,7 +147,7 @@ def _elements(name: str, lines: list[str]) -> tuple[str, list[int], Ints]:
     # The nodes are not needed; an element continues after a line that ends with a comma.
     starts = [k == 0 or not lines[k - 1].endswith(",") for k in range(len(lines))]
     labels = [int(line.split(",")[0]) for line, start in zip(lines, starts, strict=True) if start]
-    return name or "without a type", labels, np.empty((len(labels), 0), dtype=np.int64)
+    return name or "element without a type", labels, np.empty((len(labels), 0), dtype=np.int64)
 
 
 def _members(options: dict[str, str], lines: list[str]) -> list[Any]:

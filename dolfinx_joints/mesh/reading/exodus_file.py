@@ -22,10 +22,10 @@ _KINDS |= dict.fromkeys(("BAR", "BEA", "TRU", "EDG"), "line")
 # The nodes of VTK in the order of Exodus: vertical edges before the upper ones, centre first.
 _HEX = [*range(12), *range(16, 20), *range(12, 16), 23, 24, 25, 26, 21, 22, 20]
 _SIDES = {
-    "triangle": ("12", "23", "31"),
-    "quadrilateral": ("12", "23", "34", "41"),
-    "tetrahedron": ("124", "234", "143", "132"),
-    "hexahedron": ("1265", "2376", "3487", "1584", "1432", "5678"),
+    "triangle": {1: "12", 2: "23", 3: "31"},
+    "quadrilateral": {1: "12", 2: "23", 3: "34", 4: "41"},
+    "tetrahedron": {1: "124", 2: "234", 3: "143", 4: "132"},
+    "hexahedron": {1: "1265", 2: "2376", 3: "3487", 4: "1584", 5: "1432", 6: "5678"},
 }
 
 
@@ -60,7 +60,9 @@ def _mesh(variables: Mapping[str, tuple[Any, Mapping[str, Any]]]) -> FileMesh:
     for k, name in _names(values, "ss", "sideset").items():
         sides, own = (values.get(f"{part}_ss{k}", none) for part in ("side", "elem"))
         for side in np.unique(sides):
-            mesh.add_sides(name, positions("element", number, own[sides == side]), side, _SIDES)
+            mesh.add_sides(
+                name, positions("element", number, own[sides == side]), int(side), _SIDES
+            )
         if not len(sides):
             warn(f"The side set {name!r} is empty and is not read.")
     return mesh

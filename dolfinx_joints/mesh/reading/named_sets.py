@@ -18,7 +18,15 @@ from scipy.spatial import KDTree
 from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.mesh.blocks import same_places
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, check_curves, find_facets
+from dolfinx_joints.mesh.cells import (
+    CellShape,
+    Floats,
+    Ints,
+    RawMesh,
+    check_curves,
+    find_facets,
+    middle,
+)
 from dolfinx_joints.mesh.preparation import joint_names
 
 _DIMENSION = {"line": 1, "triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
@@ -67,24 +75,28 @@ class FileMesh:
     def of(cls, x: Floats, blocks: Sequence[tuple[str, Ints]], **sets: Any) -> FileMesh:
         """Return the mesh of blocks, each with the kind and the nodes of its elements."""
         kind = np.repeat([kind for kind, _ in blocks], [len(nodes) for _, nodes in blocks])
-        width = max((nodes.shape[1] for _, nodes in blocks), default=0)
+        width = max([8, *(nodes.shape[1] for _, nodes in blocks)])
         rows = [np.pad(n, ((0, 0), (0, width - n.shape[1])), constant_values=-1) for _, n in blocks]
         nodes = np.vstack([np.empty((0, width), dtype=np.int64), *rows])
+        if not np.isfinite(x).all():
+            raise MeshError("the file has coordinates that are not finite numbers.")
         if nodes.max(initial=-1) >= len(x):
             raise MeshError(f"elements have node {nodes.max() + 1}, the last one is {len(x)}.")
         return cls(x=x, kind=kind, nodes=nodes, **sets)
 
     def add_sides(
-        self, name: str, elements: Ints, side: int, sides: Mapping[str, Sequence[str]]
+        self, name: str, elements: Ints, label: Any, sides: Mapping[str, Mapping[Any, str]]
     ) -> None:
         """Add a side of elements to the facets of a name.
 
-        ``sides`` has the vertices of the sides of each kind; sides and vertices count from 1.
+        ``sides`` has the vertices, from 1, of the sides of each kind by their labels in the file.
         """
         for kind in np.unique(self.kind[elements]):
-            if not 1 <= side <= len(sides.get(kind, ())):
-                raise MeshError(f"the surface {name!r} has an unknown side of a {kind}.")
-            local = [int(vertex) - 1 for vertex in sides[kind][side - 1]]
+            if label not in sides.get(kind, ()):
+                raise MeshError(
+                    f"the surface {name!r} has the unknown side {label} of {kind} cells."
+                )
+            local = [int(vertex) - 1 for vertex in sides[kind][label]]
             own = self.nodes[elements[self.kind[elements] == kind]]
             self.facets.setdefault(name, []).append(own[:, local])
 
@@ -164,6 +176,12 @@ def _cells(file: FileMesh, is_cell: Flags) -> tuple[CellShape, Ints, Floats]:
     nodes, dim = nodes[:, :size], _DIMENSION[kind]
     if x.shape[1] > dim and np.ptp(x[nodes, 2]) > 1e-9 * np.ptp(x[nodes], axis=(0, 1)).max():
         raise MeshError("the mesh is a surface, but not in a plane z = constant.")
+    ordered = np.sort(nodes, axis=1)
+    if len(collapsed := np.flatnonzero((ordered[:, 1:] == ordered[:, :-1]).any(axis=1))):
+        raise MeshError(
+            f"{len(collapsed)} cells have a node twice, the first around "
+            f"{middle(x[nodes[collapsed[0]]])}; collapsed cells are not read."
+        )
     in_face = np.repeat([-0.25, 0.5], 4)  # serendipity functions of corners and edges
     if (kind, size) == ("quadrilateral", 8):
         added = len(x) + np.arange(len(nodes))
@@ -192,7 +210,7 @@ def _add_layers(file: FileMesh, is_cell: Flags) -> tuple[Flags, list[str]]:
         own = np.flatnonzero(cohesive & (sizes == size) | is_cell & (file.kind == kind))
         a, b = (file.x[file.nodes[own][:, half]] for half in halves)
         limit = COINCIDENT * np.linalg.norm(a[:, 1] - a[:, 0], axis=1)
-        thick[own] = ~(np.linalg.norm(a - b, axis=2).max(axis=1) <= limit)
+        thick[own] = np.linalg.norm(a - b, axis=2).max(axis=1) > limit
         layer[own[cohesive[own] | ~thick[own]]] = size
     names, unnamed = [], layer > 0
     for name, members in file.element_sets.items():

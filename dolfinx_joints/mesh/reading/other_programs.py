@@ -20,6 +20,8 @@ from dolfinx_joints.mesh.reading.vtu_file import load_vtu
 
 FORMATS = {".inp": load_inp, ".med": load_med, ".unv": load_unv, ".vtu": load_vtu}
 FORMATS |= dict.fromkeys((".exo", ".e", ".ex2", ".g"), load_exodus)
+_DAMAGED = (ArithmeticError, LookupError, OSError, RecursionError, StopIteration)
+_DAMAGED += (TypeError, ValueError)
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 
 
@@ -40,16 +42,9 @@ def load_mesh(
     try:
         try:
             file = FORMATS[suffix](path)
-        except (
-            ArithmeticError,
-            LookupError,
-            OSError,
-            StopIteration,
-            TypeError,
-            ValueError,
-        ) as error:
-            if isinstance(error, MeshError):
-                raise
+        except MeshError:
+            raise
+        except _DAMAGED as error:
             reason = f"{type(error).__name__}, {error}"
             raise MeshError(f"the file is damaged, or not a {suffix} file: {reason}.") from error
         raw, names = named_mesh(file, joints)

@@ -61,11 +61,11 @@ def read_mesh(
     """Read a mesh file of another program and split the mesh at its joints (collective).
 
     Args:
-        path: Abaqus (``.inp``), Salome or code_aster (``.med``), I-DEAS (``.unv``), Exodus
-            (``.exo``, ``.e``, ``.ex2``, ``.g``) or VTK (``.vtu``) file. Sets of cells become cell
-            groups. Surfaces, sets of shells or lines, and node sets become facet groups; a facet is
-            in a node set if all its vertices are. Quadratic hexahedra and quadrilaterals without
-            nodes at their centres are completed, without change of the geometry.
+        path: Abaqus (``.inp``), Salome (``.med``), I-DEAS (``.unv``), Exodus (``.exo``, ``.e``,
+            ``.ex2``, ``.g``) or VTK (``.vtu``) file. Sets of cells become cell groups. Surfaces,
+            sets of shells or lines, and node sets become facet groups; a facet is in a node set if
+            all its vertices are. Quadratic hexahedra and quadrilaterals without nodes at their
+            centres are completed, without change of the geometry.
         comm: MPI communicator of the mesh.
         unit: Unit of the coordinates: ``m``, ``cm``, ``mm``, ``ft``, ``in``, or its length [m].
         joints: Names of the joints: facet groups between two cells, faces with coincident nodes,

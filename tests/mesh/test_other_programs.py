@@ -339,7 +339,10 @@ def test_duplicated_nodes_become_a_joint(comm, inp, joint, name):
 
 def test_cohesive_elements_with_a_thickness_keep_it_as_initial_gap(comm, inp):
     text = re.sub(r"(  5[1-4],.*) 1\.\n", r"\1 1.01\n", COHESIVE)
-    jointed = dj.read_mesh(inp(text + LAYER), comm, unit="m")
+    path = inp(text + LAYER)
+    with pytest.raises(dj.MeshError, match="'interface' have a thickness; list 'interface' in"):
+        dj.read_mesh(path, comm, unit="m", joints=[])
+    jointed = dj.read_mesh(path, comm, unit="m")
     assert jointed.joint_names == ("interface",)
     assert jointed.pairs.gaps_in_geometry
     n = ufl.FacetNormal(jointed.mesh)
@@ -460,6 +463,7 @@ def test_mistakes_in_a_file_are_one_error(comm, inp, text, sentence):
     ("text", "sentence"),
     [
         (BRICKS + "*Nset, nset=all\n 1, 2\n", "are not facets of the body and are not read: crest"),
+        (BRICKS + "*Surface, name=none\n", "The surface 'none' is empty and is not read."),
         (BRICKS + "*Elset, elset=none\n", "The set 'none' has no cells or facets and is not read"),
         (BRICKS + "*Element, type=MASS, elset=m\n 99, 1\n", "Elements that are not read: 1 MASS."),
         (BRICKS + "*Surface, type=NODE, name=n\n base\n", "The surface 'n' does not consist of"),

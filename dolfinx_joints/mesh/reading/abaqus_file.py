@@ -20,7 +20,7 @@ _SOLIDS = {5: "pyramid", 13: "pyramid", 6: "wedge", 15: "wedge"}
 _SOLIDS |= dict.fromkeys((4, 10), "tetrahedron") | dict.fromkeys((8, 20, 27), "hexahedron")
 _TYPES = {  # kinds by the number of nodes, which is in the name of a type
     r"[AD]?C3D(\d+)": _SOLIDS,
-    r"COH[23]D(\d)": dict.fromkeys((4, 6, 8), "cohesive"),
+    r"COH[23]D(\d)(?!P)": dict.fromkeys((4, 6, 8), "cohesive"),
     r"(?:CP[SE]G?|[AD]C2D|D?S|STRI|M3D|SFM3D|R3D)([34689])": dict.fromkeys((3, 6), "triangle")
     | dict.fromkeys((4, 8, 9), "quadrilateral"),
     r"(?:T[23]D|R2D)([23])": dict.fromkeys((2, 3), "line"),
@@ -107,6 +107,7 @@ class _Content:
             if options.get("TYPE", "ELEMENT").upper() != "ELEMENT" or "COMBINE" in options:
                 warn(f"The surface {name!r} does not consist of faces of elements; it is not read.")
                 continue
+            mesh.facets.setdefault(name, [])
             for line in lines:
                 item, _, face = (text.strip() for text in line.partition(","))
                 own = positions("element", elements, _labels(self.sets["ELSET"], item))

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.io import netcdf_file
 
 from dolfinx_joints.common.arrays import Ints
-from dolfinx_joints.common.errors import MeshError, warn
+from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.mesh.reading.named_sets import FileMesh, positions
 
 _KINDS = {"TRI": "triangle", "QUA": "quadrilateral", "SHE": "quadrilateral", "HEX": "hexahedron"}
@@ -59,12 +59,11 @@ def _mesh(variables: Mapping[str, tuple[Any, Mapping[str, Any]]]) -> FileMesh:
     number = np.arange(1, start + 1)
     for k, name in _names(values, "ss", "sideset").items():
         sides, own = (values.get(f"{part}_ss{k}", none) for part in ("side", "elem"))
+        mesh.facets[name] = []
         for side in np.unique(sides):
             mesh.add_sides(
                 name, positions("element", number, own[sides == side]), int(side), _SIDES
             )
-        if not len(sides):
-            warn(f"The side set {name!r} is empty and is not read.")
     return mesh
 
 

@@ -31,14 +31,9 @@ from dolfinx_joints.mesh.preparation import joint_names
 
 _DIMENSION = {"line": 1, "triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 _DIMENSION |= {"pyramid": 3, "wedge": 3}
-_SIZES: dict[
-    str, tuple[int, ...]
-] = {  # numbers of nodes of the cells that are read; the first one has degree 1
-    "triangle": (3, 6),
-    "quadrilateral": (4, 8, 9),
-    "tetrahedron": (4, 10),
-    "hexahedron": (8, 20, 27),
-}
+# Numbers of nodes of the cells that are read; the first one has degree 1.
+_SIZES: dict[str, tuple[int, ...]] = {"triangle": (3, 6), "quadrilateral": (4, 8, 9)}
+_SIZES |= {"tetrahedron": (4, 10), "hexahedron": (8, 20, 27)}
 # Corners and edge nodes of the faces of a hexahedron, in VTK's order of the face nodes.
 _FACES = [[0, 3, 7, 4, 11, 19, 15, 16], [1, 2, 6, 5, 9, 18, 13, 17], [0, 1, 5, 4, 8, 17, 12, 16]]
 _FACES += [[3, 2, 6, 7, 10, 18, 14, 19], [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]]
@@ -87,7 +82,7 @@ class FileMesh:
     def add_sides(
         self, name: str, elements: Ints, label: Any, sides: Mapping[str, Mapping[Any, str]]
     ) -> None:
-        """Add a side of elements to the facets of a name.
+        """Add a side of elements to the facets of a surface.
 
         ``sides`` has the vertices, from 1, of the sides of each kind by their labels in the file.
         """
@@ -98,7 +93,7 @@ class FileMesh:
                 )
             local = [int(vertex) - 1 for vertex in sides[kind][label]]
             own = self.nodes[elements[self.kind[elements] == kind]]
-            self.facets.setdefault(name, []).append(own[:, local])
+            self.facets[name].append(own[:, local])
 
 
 def positions(entity: str, labels: Ints, wanted: Any) -> Ints:
@@ -145,15 +140,21 @@ def named_mesh(file: FileMesh, joints: list[str] | None) -> tuple[RawMesh, list[
     for name, parts in file.facets.items():
         if any(part.shape[1] != corners or not np.isin(part, used).all() for part in parts):
             raise MeshError(f"the group {name!r} has facets that are not faces of the cells.")
-        facets[name] = np.concatenate(parts)
+        if parts:
+            facets[name] = np.concatenate(parts)
+        else:
+            warn(f"The surface {name!r} is empty and is not read.")
     x = x[:, : shape.dim]
     raw = RawMesh(shape=shape, cells=cells, x=x, cell_groups=groups, facet_groups=facets)
-    named = joint_names(raw, None)[0] if joints is None else joints
-    if isinstance(named, list | tuple):  # otherwise `prepare` raises an error
-        raw = _merged(raw, [*layers, *named])
-        joints = [*dict.fromkeys([*named, *layers])] if layers and joints is None else joints
+    named = joint_names(raw, joints)[0]
+    if joints is None:
+        named = list(dict.fromkeys([*named, *layers]))
+    for name in layers:
+        if name not in named and f"{name}-" in facets:
+            raise MeshError(f"the elements of {name!r} have a thickness; list {name!r} in joints=.")
+    raw = _merged(raw, [*layers, *named])
     check_curves(shape, raw.x, raw.cells, "The mesh")
-    return raw, joints
+    return raw, named if layers and joints is None else joints
 
 
 def _cells(file: FileMesh, is_cell: Flags) -> tuple[CellShape, Ints, Floats]:

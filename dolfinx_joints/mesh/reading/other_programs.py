@@ -20,8 +20,8 @@ from dolfinx_joints.mesh.reading.vtu_file import load_vtu
 
 FORMATS = {".inp": load_inp, ".med": load_med, ".unv": load_unv, ".vtu": load_vtu}
 FORMATS |= dict.fromkeys((".exo", ".e", ".ex2", ".g"), load_exodus)
-_DAMAGED = (ArithmeticError, LookupError, OSError, RecursionError, StopIteration)
-_DAMAGED += (TypeError, ValueError)
+_DAMAGED: tuple[type[Exception], ...] = (ArithmeticError, LookupError, OSError, RecursionError)
+_DAMAGED += (StopIteration, TypeError, ValueError)
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ _KINDS |= {"TET": "tetrahedron", "PYR": "pyramid", "WED": "wedge"}
 _KINDS |= dict.fromkeys(("BAR", "BEA", "TRU", "EDG"), "line")
 # The nodes of VTK in the order of Exodus: vertical edges before the upper ones, centre first.
 _HEX = [*range(12), *range(16, 20), *range(12, 16), 23, 24, 25, 26, 21, 22, 20]
+_USED = re.compile("coord[xyz]?$|connect|(elem|side)_ss|node_ns|(eb|ss|ns)_(names|prop1)")
 _SIDES = {
     "triangle": {1: "12", 2: "23", 3: "31"},
     "quadrilateral": {1: "12", 2: "23", 3: "34", 4: "41"},
@@ -31,14 +33,17 @@ _SIDES = {
 
 def load_exodus(path: Path) -> FileMesh:
     """Read the mesh, the blocks, the side sets and the node sets of a file."""
-    start = path.read_bytes()[:4]
+    with path.open("rb") as stream:
+        start = stream.read(4)
     if start[:3] == b"CDF" and start[3] in (1, 2):
         with netcdf_file(path, "r", mmap=False) as file:
-            return _mesh({n: (v[...], v._attributes) for n, v in file.variables.items() if v.shape})
+            used = {name: file.variables[name] for name in file.variables if _USED.match(name)}
+            return _mesh({name: (v[...], v._attributes) for name, v in used.items()})
     if start[:3] == b"CDF":
         raise MeshError("the file has 64-bit data (CDF-5); convert it by nccopy -k nc4 OLD NEW.")
     with h5py.File(path, "r") as file:
-        return _mesh({n: (v[...], v.attrs) for n, v in file.items() if v.shape})
+        used = {name: file[name] for name in file if _USED.match(name)}
+        return _mesh({name: (v[...], v.attrs) for name, v in used.items()})
 
 
 def _mesh(variables: Mapping[str, tuple[Any, Mapping[str, Any]]]) -> FileMesh:

@@ -51,11 +51,14 @@ def load_vtu(path: Path) -> FileMesh:
         blocks.append((_KINDS.get(int(kind), f"VTK cell type {kind}"), rows))
         order.append(chosen)
     number = np.argsort(np.concatenate(order))
+    of_cells, of_points = (
+        _sets(data, vtk_to_numpy) for data in (grid.GetCellData(), grid.GetPointData())
+    )
     return FileMesh.of(
         vtk_to_numpy(grid.GetPoints().GetData()).astype(np.float64),
         blocks,
-        element_sets={n: number[m] for n, m in _sets(grid.GetCellData(), vtk_to_numpy).items()},
-        node_sets=_sets(grid.GetPointData(), vtk_to_numpy),
+        element_sets={name: number[members] for name, members in of_cells.items()},
+        node_sets={name: members for name, members in of_points.items() if name[-2:] != "_0"},
     )
 
 

@@ -199,7 +199,7 @@ def test_mistakes_in_a_universal_file_are_one_error(comm, new_path, options, sen
     assert sentence in str(failure.value)
 
 
-@pytest.mark.filterwarnings("ignore:Elements that are not read: 1 type 161.")
+@pytest.mark.filterwarnings("ignore:Elements that are not read")
 def test_groups_of_a_universal_file_by_hand(comm, new_path):
     """Check a triangle with the area 1/2 cm^2 and its lower edge of 1 cm, a group of nodes."""
     path = new_path("plate.unv")

@@ -75,6 +75,7 @@ from .mesh.distribution.split_file import write_split as write_split
 from .mesh.joint_surface import JointSurface as JointSurface
 from .mesh.jointed_mesh import JointedMesh as JointedMesh
 from .mesh.reading.readers import mesh_from_arrays as mesh_from_arrays
+from .mesh.reading.readers import read_mesh as read_mesh
 from .mesh.reading.readers import read_msh as read_msh
 from .mesh.reading.readers import read_xdmf as read_xdmf
 from .mesh.reading.readers import split_mesh as split_mesh

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Checks of inputs: where, which input, the result, and the test of the check.
 
-"All readers" are the readers of meshes `read_msh`, `read_xdmf`, `split_mesh`, `mesh_from_arrays`
-and `read_split`; a STEP file becomes a `.msh` file. "All formats" are the formats of records PEER
-AT2, ESM, K-NET, COSMOS, SMC and plain columns.
+"All readers" are the readers of meshes `read_msh`, `read_mesh`, `read_xdmf`, `split_mesh`,
+`mesh_from_arrays` and `read_split`; a STEP file becomes a `.msh` file. "All formats" are the
+formats of records PEER AT2, ESM, K-NET, COSMOS, SMC and plain columns.
 """
 
 from typing import NamedTuple
@@ -76,6 +76,20 @@ CHECKS = (
         "warning",
         "mesh/test_mesh_checks.py",
         "test_misspelt_joints_are_warned_of",
+    ),
+    Check(
+        "read_mesh",
+        "mixed cells, labels that are not defined or defined twice, generated nodes, several parts",
+        "error",
+        "mesh/test_other_programs.py",
+        "test_mistakes_in_a_file_are_one_error",
+    ),
+    Check(
+        "read_mesh",
+        "other elements, empty sets, node sets without facets",
+        "warning",
+        "mesh/test_other_programs.py",
+        "test_what_is_not_read_is_reported",
     ),
     Check(
         "read_xdmf",

@@ -23,10 +23,7 @@ from dolfinx_joints.mesh.splitting import SplitMesh, pair_coincident, split_cell
 
 def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
     """Split a mesh on rank 0 and tag its groups."""
-    listed = isinstance(joints, list | tuple) and all(isinstance(name, str) for name in joints)
-    if joints is not None and not listed:
-        raise MeshError(f"joints is {shown(joints)}; it must be a list of names.")
-    names, duplicated = _joint_names(raw, joints)
+    names, duplicated = joint_names(raw, joints)
     check_names(raw.facet_groups)
     slots: dict[str, Ints] = {}
     for name, vertices in raw.facet_groups.items():
@@ -78,8 +75,11 @@ def check_names(facet_groups: Iterable[str]) -> None:
             )
 
 
-def _joint_names(raw: RawMesh, joints: list[str] | None) -> tuple[list[str], bool]:
+def joint_names(raw: RawMesh, joints: list[str] | None) -> tuple[list[str], bool]:
     """Return the joint names, and True if the mesh already has duplicated joint faces."""
+    listed = isinstance(joints, list | tuple) and all(isinstance(name, str) for name in joints)
+    if joints is not None and not listed:
+        raise MeshError(f"joints is {shown(joints)}; it must be a list of names.")
     groups = raw.facet_groups
     whole = {name.rstrip("+-") for name in groups if name[-1:] in "+-"}
     if joints is None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
+from networks import network
 from shaken_wall import shaking, wall
 
 import dolfinx_joints as dj
@@ -13,8 +14,6 @@ from dolfinx_joints.geometry.ambiesta import ambiesta, mid_crest
 from dolfinx_joints.geometry.gravity_dam import gravity_dam
 from dolfinx_joints.geometry.inclined_crack import inclined_crack
 from dolfinx_joints.geometry.jointed_wall import jointed_wall
-from dolfinx_joints.geometry.meshing.extrusion import PlaneMesh, edges_between, extrude, grid
-from dolfinx_joints.geometry.meshing.gmsh_model import write_mesh, write_plane
 from dolfinx_joints.geometry.section_table import SectionTable
 from dolfinx_joints.geometry.sections_dam import sections_dam
 from dolfinx_joints.geometry.two_blocks import two_blocks
@@ -23,18 +22,6 @@ from dolfinx_joints.mesh.distribution.shares import share_of
 from dolfinx_joints.mesh.joint_pairs import facet_geometry
 
 pytestmark = pytest.mark.mpi
-
-
-def network(out, *, cell, solid, **options):
-    """Mesh joints of which two cross (X), one ends on another (T) and one inside."""
-    points, cells = grid(np.arange(7.0), np.arange(7.0), cell)
-    p, q = points.T
-    lines = {"joint_1": p == 2, "joint_2": (q == 3) & (p < 5), "joint_3": (p == 4) & (q <= 3)}
-    edges = {name: edges_between(cells, chosen) for name, chosen in lines.items()}
-    plane = PlaneMesh(points, {"body": cells}, edges)
-    if not solid:
-        return write_plane(out, plane, **options)
-    return write_mesh(out, extrude(plane, np.arange(3.0), ("ends", "ends")), **options)
 
 
 FACES = {"extrados_radius": 50, "crown_thickness": 4, "left_angle": 40, "right_angle": 60}

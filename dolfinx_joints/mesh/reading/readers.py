@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Readers of split meshes: from Gmsh and XDMF files, DOLFINx meshes and arrays."""
+"""Readers of split meshes: from mesh files, DOLFINx meshes and arrays."""
 
 from __future__ import annotations
 
@@ -53,6 +53,37 @@ def read_msh(path: str | Path, comm: Any, *, joints: list[str] | None = None) ->
         (['base', 'sides', 'top'], ['lower', 'upper'])
     """
     return distribute(comm, lambda: prepare(load_msh(Path(path)), joints))
+
+
+def read_mesh(
+    path: str | Path, comm: Any, *, unit: str | float, joints: list[str] | None = None
+) -> JointedMesh:
+    """Read a mesh file of another program and split the mesh at its joints (collective).
+
+    Args:
+        path: Abaqus (``.inp``), Salome (``.med``), I-DEAS (``.unv``), Exodus (``.exo``, ``.e``,
+            ``.ex2``, ``.g``) or VTK (``.vtu``) file. Sets of cells become cell groups. Surfaces,
+            sets of shells or lines, and node sets become facet groups; a facet is in a node set if
+            all its vertices are. Quadratic hexahedra and quadrilaterals without nodes at their
+            centres are completed, without change of the geometry.
+        comm: MPI communicator of the mesh.
+        unit: Unit of the coordinates: ``m``, ``cm``, ``mm``, ``ft``, ``in``, or its length [m].
+        joints: Names of the joints: facet groups between two cells, faces with coincident nodes,
+            or sets of cohesive elements or of cells without thickness. The default is all sets of
+            such elements, and facet groups whose name begins with ``joint`` in lower or upper case.
+
+    Raises:
+        MeshError: The file cannot be read, is in no known format or mixes kinds of cells. It has
+            no joint of a given name. A joint facet does not have one cell on each side.
+        ValueError: The unit is unknown.
+    """
+
+    def prepare_mesh() -> PreparedMesh:
+        from dolfinx_joints.mesh.reading.other_programs import load_mesh
+
+        return prepare(*load_mesh(Path(path), unit, joints))
+
+    return distribute(comm, prepare_mesh)
 
 
 def split_mesh(

@@ -1,0 +1,173 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Reader of Abaqus and CalculiX input files (``.inp``) into a `FileMesh`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.common.arrays import Ints
+from dolfinx_joints.common.errors import MeshError, warn
+from dolfinx_joints.common.parameters import check_file, shown
+from dolfinx_joints.mesh.reading.named_sets import FileMesh, positions
+
+_SOLIDS = {5: "pyramid", 13: "pyramid", 6: "wedge", 15: "wedge"}
+_SOLIDS |= dict.fromkeys((4, 10), "tetrahedron") | dict.fromkeys((8, 20, 27), "hexahedron")
+_TYPES = {  # kinds by the number of nodes, which is in the name of a type
+    r"[AD]?C3D(\d+)": _SOLIDS,
+    r"COH[23]D(\d)(?!P)": dict.fromkeys((4, 6, 8), "cohesive"),
+    r"(?:CP[SE]G?|[AD]C2D|D?S|STRI|M3D|SFM3D|R3D)([34689])": dict.fromkeys((3, 6), "triangle")
+    | dict.fromkeys((4, 8, 9), "quadrilateral"),
+    r"(?:T[23]D|R2D)([23])": dict.fromkeys((2, 3), "line"),
+}
+_C3D27 = [*range(20), 26, 24, 23, 25, 21, 22, 20]  # in Abaqus the centre is before the faces
+_SIDES = {
+    "triangle": {"S1": "12", "S2": "23", "S3": "31"},
+    "quadrilateral": {"S1": "12", "S2": "23", "S3": "34", "S4": "41"},
+    "tetrahedron": {"S1": "123", "S2": "142", "S3": "243", "S4": "341"},
+    "hexahedron": dict(S1="1234", S2="5876", S3="1562", S4="2673", S5="3784", S6="4851"),
+}
+_GENERATED = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM"}
+
+Sets = dict[str, tuple[str, list[Any]]]  # name, and labels or names of other sets
+
+
+def load_inp(path: Path) -> FileMesh:
+    """Read nodes, elements, sets and surfaces of a file with at most one instance of a part."""
+    content = _Content()
+    for keyword, options, lines in _sections(path):
+        content.add(keyword, options, lines)
+    return content.mesh()
+
+
+class _Content:
+    """Nodes, elements, sets and surfaces of the sections that were added, with their labels."""
+
+    def __init__(self) -> None:
+        self.x: list[list[float]] = []
+        self.blocks: list[tuple[str, Ints]] = []
+        self.labels: dict[str, list[int]] = {"NSET": [], "ELSET": []}
+        self.sets: dict[str, Sets] = {"NSET": {}, "ELSET": {}}
+        self.internal: set[str] = set()
+        self.surfaces: list[tuple[dict[str, str], list[str]]] = []
+        self.instances = 0
+
+    def add(self, keyword: str, options: dict[str, str], lines: list[str]) -> None:
+        """Add a section."""
+        entity = "NSET" if keyword in ("NODE", "NSET") else "ELSET"
+        members: list[Any] = []
+        self.instances += keyword == "INSTANCE"
+        if keyword in _GENERATED or self.instances > 1 or (keyword == "INSTANCE" and lines):
+            raise MeshError(
+                f"*{keyword} moves or generates nodes and is not read; write the file without "
+                "parts and instances (noPartsInputFile=ON in Abaqus/CAE)."
+            )
+        if keyword == "NODE":
+            rows = [
+                [i.strip().upper().replace("D", "E") for i in line.split(",")] for line in lines
+            ]
+            self.x += [[float(item or 0.0) for item in [*row[1:], "", ""][:3]] for row in rows]
+            self.labels[entity] += (members := [int(row[0]) for row in rows])
+        elif keyword == "ELEMENT":
+            kind, members, nodes = _elements(options.get("TYPE", "").upper(), lines)
+            self.labels[entity] += members
+            self.blocks.append((kind, nodes))
+        elif keyword in ("NSET", "ELSET"):
+            members = _members(options, lines)
+            self.internal |= {options.get(entity, "").upper()} if "INTERNAL" in options else set()
+        elif keyword == "SURFACE":
+            self.surfaces.append((options, lines))
+        if keyword in ("NODE", "ELEMENT", "NSET", "ELSET") and (name := options.get(entity)):
+            self.sets[entity].setdefault(name.upper(), (name, []))[1].extend(members)
+
+    def mesh(self) -> FileMesh:
+        """Return the mesh with numbers instead of labels."""
+        nodes, elements = (np.array(of, dtype=np.int64) for of in self.labels.values())
+        of_nodes, of_elements = (
+            {
+                name: positions(word, labels, _labels(self.sets[entity], name))
+                for key, (name, _) in self.sets[entity].items()
+                if key not in self.internal
+            }
+            for entity, word, labels in (("NSET", "node", nodes), ("ELSET", "element", elements))
+        )
+        mesh = FileMesh.of(
+            np.array(self.x).reshape(-1, 3),
+            [(kind, positions("node", nodes, rows)) for kind, rows in self.blocks],
+            element_sets=of_elements,
+            node_sets=of_nodes,
+        )
+        for options, lines in self.surfaces:
+            name = options.get("NAME", "")
+            if options.get("TYPE", "ELEMENT").upper() != "ELEMENT" or "COMBINE" in options:
+                warn(f"The surface {name!r} does not consist of faces of elements; it is not read.")
+                continue
+            mesh.facets.setdefault(name, [])
+            for line in lines:
+                item, _, face = (text.strip() for text in line.partition(","))
+                own = positions("element", elements, _labels(self.sets["ELSET"], item))
+                mesh.add_sides(name, own, face.upper(), _SIDES)
+        return mesh
+
+
+def _sections(path: Path) -> Iterator[tuple[str, dict[str, str], list[str]]]:
+    """Yield the keyword, the parameters and the data lines of each section, also of includes."""
+    check_file(path, f"the included file {str(path)!r} does not exist.", MeshError)
+    header, lines = "", []
+    for raw in [*path.read_text(encoding="utf-8", errors="replace").splitlines(), "*END"]:
+        line = raw.strip()
+        if not line or line.startswith("**"):
+            continue
+        if header.endswith(",") and "=" in line:
+            header += line
+        elif not line.startswith("*"):
+            lines.append(line)
+        else:
+            keyword, *parameters = header[1:].split(",")
+            pairs = [parameter.partition("=") for parameter in parameters]
+            options = {key.strip().upper(): value.strip(" \"'") for key, _, value in pairs}
+            if keyword.upper() == "INCLUDE":
+                yield from _sections(path.parent / options.get("INPUT", ""))
+            yield " ".join(keyword.upper().split()), options, lines
+            header, lines = line, []
+
+
+def _elements(name: str, lines: list[str]) -> tuple[str, list[int], Ints]:
+    """Return the kind, the labels and the nodes of the elements of a section."""
+    for pattern, kinds in _TYPES.items():
+        if (found := re.match(pattern, name)) and (count := int(found[1])) in kinds:
+            items = [int(item) for item in ",".join(lines).split(",") if item.strip()]
+            table = np.array(items, dtype=np.int64).reshape(-1, count + 1)
+            nodes = table[:, 1:][:, _C3D27 if count == 27 else slice(None)]
+            return kinds[count], list(map(int, table[:, 0])), nodes
+    # The nodes are not needed; an element continues after a line that ends with a comma.
+    starts = [k == 0 or not lines[k - 1].endswith(",") for k in range(len(lines))]
+    labels = [int(line.split(",")[0]) for line, start in zip(lines, starts, strict=True) if start]
+    return name or "element without a type", labels, np.empty((len(labels), 0), dtype=np.int64)
+
+
+def _members(options: dict[str, str], lines: list[str]) -> list[Any]:
+    """Return the labels, and the names of other sets, in the lines of a set."""
+    rows = [[item.strip() for item in line.split(",") if item.strip()] for line in lines]
+    if "NSET" in options and "ELSET" in options:
+        raise MeshError(f"the node set {options['NSET']!r} is given by elements; list its nodes.")
+    if "GENERATE" not in options:
+        return [item for row in rows for item in row]
+    ranges = [(*map(int, row), 1)[:3] for row in rows]
+    return [label for first, last, step in ranges for label in range(first, last + 1, step)]
+
+
+def _labels(sets: Sets, item: Any, within: tuple[str, ...] = ()) -> list[int]:
+    """Return the distinct labels of a label or of the set of a name, which may contain sets."""
+    key = str(item).upper().rpartition(".")[2]  # INSTANCE.LABEL
+    if key.isdigit() and key not in sets:
+        return [int(key)]
+    if key not in sets or key in within:
+        raise MeshError(f"the set {shown(item)} is used, but the file does not define it.")
+    inner = (_labels(sets, member, (*within, key)) for member in sets[key][1])
+    return sorted({label for labels in inner for label in labels})

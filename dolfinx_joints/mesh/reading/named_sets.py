@@ -1,0 +1,286 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Meshes with several kinds of elements and named sets, converted into a `RawMesh`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import dolfinx.mesh
+import numpy as np
+from dolfinx.cpp.io import perm_vtk
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from dolfinx_joints.common.arrays import Flags
+from dolfinx_joints.common.errors import MeshError, warn
+from dolfinx_joints.mesh.blocks import same_places
+from dolfinx_joints.mesh.cells import (
+    CellShape,
+    Floats,
+    Ints,
+    RawMesh,
+    check_curves,
+    find_facets,
+    middle,
+)
+from dolfinx_joints.mesh.preparation import joint_names
+
+_DIMENSION = {"line": 1, "triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+_DIMENSION |= {"pyramid": 3, "wedge": 3}
+# Numbers of nodes of the cells that are read; the first one has degree 1.
+_SIZES: dict[str, tuple[int, ...]] = {"triangle": (3, 6), "quadrilateral": (4, 8, 9)}
+_SIZES |= {"tetrahedron": (4, 10), "hexahedron": (8, 20, 27)}
+# Corners and edge nodes of the faces of a hexahedron, in VTK's order of the face nodes.
+_FACES = [[0, 3, 7, 4, 11, 19, 15, 16], [1, 2, 6, 5, 9, 18, 13, 17], [0, 1, 5, 4, 8, 17, 12, 16]]
+_FACES += [[3, 2, 6, 7, 10, 18, 14, 19], [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]]
+_LAYERS = {  # kind and opposite vertices of the elements of a joint, by the number of vertices
+    4: ("quadrilateral", [[0, 1], [3, 2]]),
+    6: ("wedge", [[0, 1, 2], [3, 4, 5]]),
+    8: ("hexahedron", [[0, 1, 2, 3], [4, 5, 6, 7]]),
+}
+COINCIDENT = 1e-6  # nodes coincide if distance / edge length is below this limit
+
+
+@dataclass(kw_only=True)
+class FileMesh:
+    """Content of a file; all numbers start at 0.
+
+    Attributes:
+        x: Node coordinates in the unit of the file, shape (nodes, 2 or 3).
+        kind: ``line``, ``triangle``, ``quadrilateral``, ``tetrahedron``, ``pyramid``, ``wedge``,
+            ``hexahedron``, ``cohesive``, or the file's name of another kind, shape (elements,).
+        nodes: Nodes of each element in the order of VTK, filled with -1 to the longest element.
+        element_sets: Element numbers of each set.
+        node_sets: Node numbers of each set.
+        facets: Vertices of the facets of each surface, in several arrays.
+    """
+
+    x: Floats
+    kind: NDArray[np.str_]
+    nodes: Ints
+    element_sets: dict[str, Ints]
+    node_sets: dict[str, Ints]
+    facets: dict[str, list[Ints]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, x: Floats, blocks: Sequence[tuple[str, Ints]], **sets: Any) -> FileMesh:
+        """Return the mesh of blocks, each with the kind and the nodes of its elements."""
+        kind = np.repeat([kind for kind, _ in blocks], [len(nodes) for _, nodes in blocks])
+        width = max([8, *(nodes.shape[1] for _, nodes in blocks)])
+        rows = [np.pad(n, ((0, 0), (0, width - n.shape[1])), constant_values=-1) for _, n in blocks]
+        nodes = np.vstack([np.empty((0, width), dtype=np.int64), *rows])
+        if not np.isfinite(x).all():
+            raise MeshError("the file has coordinates that are not finite numbers.")
+        if nodes.max(initial=-1) >= len(x):
+            raise MeshError(f"elements have node {nodes.max() + 1}, the last one is {len(x)}.")
+        return cls(x=x, kind=kind, nodes=nodes, **sets)
+
+    def add_sides(
+        self, name: str, elements: Ints, label: Any, sides: Mapping[str, Mapping[Any, str]]
+    ) -> None:
+        """Add a side of elements to the facets of a surface.
+
+        ``sides`` has the vertices, from 1, of the sides of each kind by their labels in the file.
+        """
+        for kind in np.unique(self.kind[elements]):
+            if label not in sides.get(kind, ()):
+                raise MeshError(
+                    f"the surface {name!r} has the unknown side {label} of {kind} cells."
+                )
+            local = [int(vertex) - 1 for vertex in sides[kind][label]]
+            own = self.nodes[elements[self.kind[elements] == kind]]
+            self.facets[name].append(own[:, local])
+
+
+def positions(entity: str, labels: Ints, wanted: Any) -> Ints:
+    """Return the positions of wanted labels, an array of any shape, in the labels of a file.
+
+    Raises:
+        MeshError: A label occurs twice, or a wanted label is not in the file.
+    """
+    wanted = np.asarray(wanted, dtype=np.int64)
+    order = np.argsort(labels, kind="stable")
+    ordered = np.append(labels[order], np.iinfo(np.int64).max)
+    if len(twice := ordered[1:][ordered[1:] == ordered[:-1]]):
+        raise MeshError(f"{entity} {twice[0]} is defined twice.")
+    place = np.searchsorted(ordered, wanted)
+    if len(lost := wanted[ordered[place] != wanted]):
+        raise MeshError(f"{entity} {lost[0]} is used, but the file does not define it.")
+    return order[place]
+
+
+def named_mesh(file: FileMesh, joints: list[str] | None) -> tuple[RawMesh, list[str] | None]:
+    """Return the mesh with its groups, and the names of the joints for `prepare`.
+
+    Coincident faces of a joint are merged, because `prepare` splits them again.
+    """
+    dims = np.array([_DIMENSION.get(str(kind), 0) for kind in file.kind], dtype=np.int64)
+    dim = dims.max(initial=0)
+    if others := Counter(file.kind[(dims == 0) & (file.kind != "cohesive")].tolist()):
+        counts = ", ".join(f"{count} {kind}" for kind, count in others.items())
+        warn(f"Elements that are not read: {counts}.")
+    is_layer, layers = _add_layers(file, dims == dim)
+    is_cell = (dims == dim) & ~is_layer
+    shape, cells, x = _cells(file, is_cell)
+    number, corners = np.cumsum(is_cell) - 1, shape.facet_vertices.shape[1]
+    groups: dict[str, Ints] = {}
+    for name, members in file.element_sets.items():
+        if len(own := np.unique(number[members[is_cell[members]]])):
+            groups[name] = own
+        if len(own := members[dims[members] == dim - 1]):
+            file.facets.setdefault(name, []).append(file.nodes[own, :corners])
+        elif name not in groups and name not in layers:
+            warn(f"The set {name!r} has no cells or facets and is not read.")
+    _add_node_sets(file, cells, shape, groups)
+    facets, used = {}, np.unique(cells)
+    for name, parts in file.facets.items():
+        if any(part.shape[1] != corners or not np.isin(part, used).all() for part in parts):
+            raise MeshError(f"the group {name!r} has facets that are not faces of the cells.")
+        if parts:
+            facets[name] = np.concatenate(parts)
+        else:
+            warn(f"The surface {name!r} is empty and is not read.")
+    x = x[:, : shape.dim]
+    raw = RawMesh(shape=shape, cells=cells, x=x, cell_groups=groups, facet_groups=facets)
+    named = joint_names(raw, joints)[0]
+    if joints is None:
+        named = list(dict.fromkeys([*named, *layers]))
+    for name in layers:
+        if name not in named and f"{name}-" in facets:
+            raise MeshError(f"the elements of {name!r} have a thickness; list {name!r} in joints=.")
+    raw = _merged(raw, [*layers, *named])
+    check_curves(shape, raw.x, raw.cells, "The mesh")
+    return raw, named if layers and joints is None else joints
+
+
+def _cells(file: FileMesh, is_cell: Flags) -> tuple[CellShape, Ints, Floats]:
+    """Return the shape and the nodes of the cells in the order of DOLFINx, and the coordinates.
+
+    Quadrilaterals with 8 and hexahedra with 20 nodes get nodes in their faces and centres. The
+    geometry stays the same: serendipity functions are a part of the quadratic Lagrange functions.
+    """
+    nodes, x = file.nodes[is_cell], file.x
+    sizes = map(int, (nodes >= 0).sum(axis=1))
+    counts = Counter(zip(map(str, file.kind[is_cell]), sizes, strict=True))
+    (kind, size), *others = list(counts) or [("", 0)]
+    if others or size not in _SIZES.get(kind, ()):
+        present = ", ".join(f"{n} {kind} ({size} nodes)" for (kind, size), n in counts.items())
+        allowed = "; ".join(f"{kind}: {', '.join(map(str, n))}" for kind, n in _SIZES.items())
+        raise MeshError(
+            f"the cells are: {present or 'none'}. Cells of one kind are needed, with one of these "
+            f"numbers of nodes: {allowed}. Mesh the whole body with tetrahedra if it needs wedges."
+        )
+    nodes, dim = nodes[:, :size], _DIMENSION[kind]
+    if x.shape[1] > dim and np.ptp(x[nodes, 2]) > 1e-9 * np.ptp(x[nodes], axis=(0, 1)).max():
+        raise MeshError("the mesh is a surface, but not in a plane z = constant.")
+    ordered = np.sort(nodes, axis=1)
+    if len(collapsed := np.flatnonzero((ordered[:, 1:] == ordered[:, :-1]).any(axis=1))):
+        raise MeshError(
+            f"{len(collapsed)} cells have a node twice, the first around "
+            f"{middle(x[nodes[collapsed[0]]])}; collapsed cells are not read."
+        )
+    in_face = np.repeat([-0.25, 0.5], 4)  # serendipity functions of corners and edges
+    if (kind, size) == ("quadrilateral", 8):
+        added = len(x) + np.arange(len(nodes))
+        x, nodes = np.vstack([x, in_face @ x[nodes]]), np.column_stack([nodes, added])
+    elif (kind, size) == ("hexahedron", 20):
+        faces = nodes[:, _FACES].reshape(-1, 8)
+        key = np.sort(faces[:, :4], axis=1)
+        _, first, of = np.unique(key, axis=0, return_index=True, return_inverse=True)
+        centres = np.repeat([-0.25, 0.25], [8, 12]) @ x[nodes]
+        added = len(x) + np.column_stack([of.reshape(-1, 6), len(first) + np.arange(len(nodes))])
+        x, nodes = np.vstack([x, in_face @ x[faces[first]], centres]), np.hstack([nodes, added])
+    shape = CellShape(name=kind, degree=1 if size == _SIZES[kind][0] else 2)
+    order = perm_vtk(getattr(dolfinx.mesh.CellType, kind), nodes.shape[1])
+    return shape, nodes[:, order], x
+
+
+def _add_layers(file: FileMesh, is_cell: Flags) -> tuple[Flags, list[str]]:
+    """Add the two faces of cohesive elements, and of cells without thickness, to the facets.
+
+    Returns:
+        True for each of these elements, shape (elements,), and the names of their sets.
+    """
+    sizes, cohesive = (file.nodes >= 0).sum(axis=1), file.kind == "cohesive"
+    layer, thick = np.zeros_like(sizes), np.zeros_like(cohesive)  # number of vertices; is it thick?
+    for size, (kind, halves) in _LAYERS.items():
+        own = np.flatnonzero(cohesive & (sizes == size) | is_cell & (file.kind == kind))
+        a, b = (file.x[file.nodes[own][:, half]] for half in halves)
+        limit = COINCIDENT * np.linalg.norm(a[:, 1] - a[:, 0], axis=1)
+        thick[own] = np.linalg.norm(a - b, axis=2).max(axis=1) > limit
+        layer[own[cohesive[own] | ~thick[own]]] = size
+    names, unnamed = [], layer > 0
+    for name, members in file.element_sets.items():
+        if len(members) and layer[members].all():
+            ends = ("-", "+") if thick[members].any() else ("", "")
+            for size in np.unique(layer[members]):
+                own = members[layer[members] == size]
+                for end, half in zip(ends, _LAYERS[size][1], strict=True):
+                    file.facets.setdefault(name + end, []).append(file.nodes[own][:, half])
+            names.append(name)
+            unnamed[members] = False
+    if unnamed.any():
+        raise MeshError(
+            f"{unnamed.sum()} cohesive elements or cells without thickness are in no set of their "
+            "own; put those of each joint into an element set."
+        )
+    return layer > 0, names
+
+
+def _add_node_sets(file: FileMesh, cells: Ints, shape: CellShape, groups: dict[str, Ints]) -> None:
+    """Add the facets with all vertices in a node set, unless an element set has its nodes."""
+    local = shape.facet_vertices
+    corners = cells[:, : int(local.max()) + 1]
+    faces, unread = corners[:, local].reshape(-1, local.shape[1]), []
+    for name, members in file.node_sets.items():
+        in_set = np.zeros(max(cells.max(), members.max(initial=0)) + 1, dtype=bool)
+        in_set[members] = True
+        inside, whole = faces[in_set[faces].all(axis=1)], corners[in_set[corners].all(axis=1)]
+        of_elements = [corners[groups[name]]] if name in groups else []
+        if any(
+            parts and all(in_set[nodes].all() for nodes in parts)
+            for parts in (of_elements, file.facets.get(name))
+        ):
+            continue
+        if name in file.facets:
+            raise MeshError(f"{name!r} is a node set and a set of other facets; rename one.")
+        if not len(inside) and name.lower().startswith("joint"):
+            raise MeshError(f"no facet has all its vertices in the node set {name!r}.")
+        if np.isin(inside, whole).all():
+            unread.append(name)
+        else:
+            file.facets[name] = [np.unique(np.sort(inside, axis=1), axis=0)]
+    if unread:
+        warn(f"Node sets that are not facets of the body and are not read: {', '.join(unread)}.")
+
+
+def _merged(raw: RawMesh, joints: list[str]) -> RawMesh:
+    """Merge nodes that coincide on joints, and drop nodes without cells."""
+    shape, cells, x = raw.shape, raw.cells, raw.x
+    new = np.arange(len(x))
+    for facets in (rows for name, rows in raw.facet_groups.items() if name in joints):
+        owner, count = find_facets(shape, cells, new[facets])
+        outer = owner[count == 1, 0]
+        if not len(outer):
+            continue
+        nodes = cells[outer[:, :1], shape.facet_nodes[outer[:, 1]]]
+        edge = np.linalg.norm(x[nodes[:, 0]] - x[nodes[:, 1]], axis=1).min()
+        limit, used = COINCIDENT * edge, np.unique(cells)
+        distance, _ = KDTree(x[np.unique(nodes)]).query(x[used], distance_upper_bound=limit)
+        near = used[np.isfinite(distance)]
+        _, first, of = np.unique(
+            same_places(x[near], limit), return_index=True, return_inverse=True
+        )
+        merged = np.arange(len(x))
+        merged[near] = near[first[of]]
+        new, cells = merged[new], merged[cells]
+    used, inverse = np.unique(cells, return_inverse=True)
+    facet_groups = {
+        name: np.unique(np.sort(np.searchsorted(used, new[rows]), axis=1), axis=0)
+        for name, rows in raw.facet_groups.items()
+    }
+    return replace(raw, cells=inverse.reshape(cells.shape), x=x[used], facet_groups=facet_groups)

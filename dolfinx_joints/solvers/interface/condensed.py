@@ -32,6 +32,7 @@ from dolfinx_joints.solvers.effective_matrix import (
 )
 from dolfinx_joints.solvers.interface.corrections import CompiledCorrections
 from dolfinx_joints.solvers.interface.krylov_corrections import KrylovCorrections
+from dolfinx_joints.solvers.interface.load_control import LoadControl
 from dolfinx_joints.solvers.interface.springs import JointSprings
 from dolfinx_joints.solvers.step_solver import SolverOptions
 
@@ -112,6 +113,32 @@ class Condensed:
         )
 
     @cached_property
+    def control(self) -> LoadControl | None:
+        """Elimination of the load factor, None without a controlled load (collective)."""
+        given = self._system.control
+        if given is None:
+            return None
+        free = unconstrained_dofs(self._system)
+        return LoadControl(self.matrix, self._operator, *given, free)
+
+    def refine(
+        self, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec, value: float
+    ) -> PETSc.Vec:
+        """Refine x in place by a solve for its residual; return the change of x (collective).
+
+        A controlled displacement of x becomes ``value`` [m], and that of the change zero.
+        """
+        change = self.matrix.refine(b, x, unconstrained)
+        if self.control is not None:
+            self.control.impose(x, value)
+            self.control.impose(change, 0.0)
+        return change
+
+    def controlled_value(self, x: PETSc.Vec) -> float:
+        """Return the controlled displacement of x [m], zero without one (collective)."""
+        return 0.0 if self.control is None else self.control.value(x)
+
+    @cached_property
     def compliance(self) -> Compliance:
         """Scaled compliance of the joints, made on first use (collective)."""
         shared = self._system.shared
@@ -158,7 +185,8 @@ class Condensed:
         contact, comm = self._contact, self._operator.comm.tompi4py()
         rigid_points_meet = contact.rigid and self._rigid_points_meet()
         if self.static or rigid_points_meet or not CompiledCorrections.serves(self.compliance):
-            return KrylovCorrections(self.compliance, contact.rigid, comm)
+            controlled = None if self.control is None else self.control.scaled(self.compliance)
+            return KrylovCorrections(self.compliance, contact.rigid, comm, controlled)
         stuck = self._sticking_tangent() if self._system.symmetric else None
         corrections = CompiledCorrections(self.compliance, stuck, comm)
         if self._restored:

@@ -4,7 +4,7 @@
 
 The symbols are those of `joint_step`. Used in statics, where corrections must be accurate; if S is
 not stored, or compressed and not symmetric; and if rigid joints meet, because their sticking points
-tie each other.
+tie each other. With a controlled load, S also has the change of rank one of (28g).
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.solvers import limits
-from dolfinx_joints.solvers.compliance.compliance import Compliance
+from dolfinx_joints.solvers.compliance.compliance import Compliance, Rows, Split
 from dolfinx_joints.solvers.compliance.row_matrix import RowMatrix
 from dolfinx_joints.solvers.interface.corrections import Correction
 
@@ -32,13 +33,20 @@ class KrylovCorrections:
         compliance: S and its scale.
         rigid: True if some joint is rigid.
         comm: Communicator of the ranks.
+        controlled: The two vectors of `LoadControl.scaled`, None without a controlled load.
     """
 
     rough = 0.0  # relative error of S d
 
-    def __init__(self, compliance: Compliance, rigid: bool, comm: Any) -> None:
+    def __init__(
+        self,
+        compliance: Compliance,
+        rigid: bool,
+        comm: Any,
+        controlled: tuple[Floats, Floats] | None = None,
+    ) -> None:
         """Set up the solver (collective)."""
-        self._split = compliance.split
+        self._split, self._controlled, self._comm = compliance.split, controlled, comm
         self._inner, self._finest = compliance.split, 0.0
         if compliance.rough is not None and not isinstance(compliance.split, RowMatrix):
             self._inner, self._finest = compliance.rough, limits.FINEST_COMPRESSED
@@ -58,7 +66,7 @@ class KrylovCorrections:
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Write (I + T S) x to y (collective)."""
         values = x.getArray(readonly=True)
-        coupled = self._inner.product(values, self._all_rows)
+        coupled = self._of(self._inner, values, self._all_rows)
         y.setArray(self._diagonal * values + _times_blocks(self._tangent, coupled))
 
     def solve(
@@ -76,7 +84,15 @@ class KrylovCorrections:
 
     def product(self, values: Floats) -> Floats:
         """Return S times a vector, shape (m,) (collective)."""
-        return self._split.product(values, np.flatnonzero(values))
+        return self._of(self._split, values, np.flatnonzero(values))
+
+    def _of(self, split: Split, values: Floats, rows: Rows) -> Floats:
+        """Return S times a vector by an exact or approximate S without control (collective)."""
+        coupled = split.product(values, rows)
+        if self._controlled is None:
+            return coupled
+        column, row = self._controlled
+        return coupled - column * summed(self._comm, np.array(row @ values))
 
     def state_dict(self) -> dict[str, Any]:
         """Return an empty state: corrections do not depend on earlier ones."""

@@ -85,7 +85,7 @@ class InterfaceSolver(StepSolver):
         self._nodal, self._moved = (self._operator.createVecRight() for _ in range(2))
         zero = np.zeros(local)
         self.carried: Floats | None = None
-        self._accepted = AcceptedForces()
+        self._accepted, self._largest_force = AcceptedForces(), 0.0
         self._last: tuple[Condensed | None, Floats, Floats] = (None, zero, zero)
         self._before: tuple[Condensed | None, Floats, Floats] = self._last
         operator, chosen = self._operator, self.options  # capturing self would create a cycle
@@ -101,11 +101,14 @@ class InterfaceSolver(StepSolver):
         assert state is not None
         condensed: Condensed = self._condensed((effective, 1.0 / rule.weight))
         factored, condensed.used = not condensed.used, True
+        value = condensed.controlled_value(x)
         condensed.matrix.solve_linear(b, x, self._unconstrained)
         if condensed.static:
-            condensed.matrix.refine(b, x, self._unconstrained)
+            condensed.refine(b, x, self._unconstrained, value)
         free_gap = state.gap + self._contact.operator.jump(x)
-        step = JointStep(self._contact, condensed, free_gap, state, rule)
+        # Controlled joints may break completely; a residual relative to their forces would not fall.
+        least_force = 0.0 if condensed.control is None else self._largest_force
+        step = JointStep(self._contact, condensed, free_gap, state, rule, least_force)
         if condensed.static:
             solved = self._static(step, b, x)
         else:
@@ -161,6 +164,7 @@ class InterfaceSolver(StepSolver):
         """
         problem = JointForces(self, step, starts)
         at, norms = newton(problem, self.options)
+        self._largest_force = max(self._largest_force, at.max_force)
         return Solved(
             force=at.force - at.residual,
             response=step.response(at),
@@ -245,7 +249,7 @@ class InterfaceSolver(StepSolver):
         self._operator.multTranspose(self._points, self._nodal)
         condensed.matrix.solve(self._nodal, self._moved)
         if condensed.static:
-            condensed.matrix.refine(self._nodal, self._moved, self._unconstrained)
+            condensed.refine(self._nodal, self._moved, self._unconstrained, 0.0)
         self._moved.pointwiseMult(self._moved, self._unconstrained)
         x.axpy(-1.0, self._moved)
         self._operator.mult(self._moved, self._points)
@@ -264,7 +268,8 @@ class InterfaceSolver(StepSolver):
         self._points.setArray(force / scale)
         self._operator.multTranspose(self._points, self._nodal)
         right_hand_side.axpy(-1.0, self._nodal)
-        change = condensed.matrix.refine(right_hand_side, x, self._unconstrained)
+        value = condensed.controlled_value(x)
+        change = condensed.refine(right_hand_side, x, self._unconstrained, value)
         self._operator.mult(change, self._points)
         gaps = self._points.getArray(readonly=True) / scale
         gaps = np.where(condensed.compliance.dead.ravel(), 0.0, gaps)

@@ -115,11 +115,9 @@ from .simulation.first_state import InitialFields as InitialFields
 from .simulation.frequency_response import frequency_response as frequency_response
 from .simulation.monitor import Monitor as Monitor
 from .simulation.simulation import Simulation as Simulation
+from .simulation.statics.controlled import ControlledDisplacement as ControlledDisplacement
+from .simulation.statics.controlled import ControlledGap as ControlledGap
 from .simulation.statics.controlled import controlled_statics as controlled_statics
-from .simulation.statics.controlled_quantity import (
-    ControlledDisplacement as ControlledDisplacement,
-)
-from .simulation.statics.controlled_quantity import ControlledGap as ControlledGap
 from .solvers.interface.uniqueness import critical_friction as critical_friction
 from .solvers.step_solver import SolverOptions as SolverOptions
 from .study.accuracy import accuracy as accuracy

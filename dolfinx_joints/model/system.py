@@ -58,8 +58,8 @@ class MatrixSystem:
         in_joints: All loads that are water in joints, for monitors that record their pressures.
         shared: Data shared by runs of the same model (`SharedBulk`), or None.
         varying_loads: Loads whose pattern varies in time.
-        control: Load f [N] with an unknown factor and the vector c of a prescribed displacement
-            c.u, zero at constrained dofs (28f); None in other steps. Only for static steps.
+        control: Load f [N] with an unknown factor, and c of the prescribed displacement c.x (28f),
+            both zero at constrained dofs; None without a controlled load.
         coupled: Unknowns of body and reservoir (`BodyAndWater`), None without reservoir waves.
         lowest_modes: Cache of the modes computed for ``exact_modes``, by their number.
     """

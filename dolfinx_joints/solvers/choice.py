@@ -147,9 +147,9 @@ def _first_solver(
     from dolfinx_joints.solvers.interface.solver import InterfaceSolver
     from dolfinx_joints.solvers.interface.whole import WholeSolver
 
-    if kind == "auto" and system.control is None:
-        if _suits_multigrid(system, contact, options or SolverOptions()):
-            return WholeSolver(system, options)
+    whole = kind == "auto" and system.control is None
+    if whole and _suits_multigrid(system, contact, options or SolverOptions()):
+        return WholeSolver(system, options)
     return InterfaceSolver(system, _for_steps(options, contact, static_steps))
 
 

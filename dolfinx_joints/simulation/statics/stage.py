@@ -183,7 +183,7 @@ class Equilibrium:
         Raises:
             ConvergenceError: No solution was found.
         """
-        system, x, water = self._system, self._x, self._system.water
+        x, water = self._x, self._system.water
         self._set_up(increment)
         # From the unloaded body without gaps, the solution is proportional to the load, so a
         # shorter increment would fail as well.

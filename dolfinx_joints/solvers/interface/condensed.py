@@ -32,7 +32,7 @@ from dolfinx_joints.solvers.effective_matrix import (
 )
 from dolfinx_joints.solvers.interface.corrections import CompiledCorrections
 from dolfinx_joints.solvers.interface.krylov_corrections import KrylovCorrections
-from dolfinx_joints.solvers.interface.load_control import LoadControl
+from dolfinx_joints.solvers.interface.load_control import ControlledMatrix
 from dolfinx_joints.solvers.interface.springs import JointSprings
 from dolfinx_joints.solvers.step_solver import SolverOptions
 
@@ -113,30 +113,12 @@ class Condensed:
         )
 
     @cached_property
-    def control(self) -> LoadControl | None:
-        """Elimination of the load factor, None without a controlled load (collective)."""
-        given = self._system.control
-        if given is None:
-            return None
+    def solver(self) -> EffectiveMatrix | ControlledMatrix:
+        """Solver of a step: the matrix, with a controlled load its elimination (collective)."""
+        if self._system.control is None:
+            return self.matrix
         free = unconstrained_dofs(self._system)
-        return LoadControl(self.matrix, self._operator, *given, free)
-
-    def refine(
-        self, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec, value: float
-    ) -> PETSc.Vec:
-        """Refine x in place by a solve for its residual; return the change of x (collective).
-
-        A controlled displacement of x becomes ``value`` [m], and that of the change zero.
-        """
-        change = self.matrix.refine(b, x, unconstrained)
-        if self.control is not None:
-            self.control.impose(x, value)
-            self.control.impose(change, 0.0)
-        return change
-
-    def controlled_value(self, x: PETSc.Vec) -> float:
-        """Return the controlled displacement of x [m], zero without one (collective)."""
-        return 0.0 if self.control is None else self.control.value(x)
+        return ControlledMatrix(self.matrix, *self._system.control, free)
 
     @cached_property
     def compliance(self) -> Compliance:
@@ -185,13 +167,15 @@ class Condensed:
         contact, comm = self._contact, self._operator.comm.tompi4py()
         rigid_points_meet = contact.rigid and self._rigid_points_meet()
         if self.static or rigid_points_meet or not CompiledCorrections.serves(self.compliance):
-            controlled = None if self.control is None else self.control.scaled(self.compliance)
-            return KrylovCorrections(self.compliance, contact.rigid, comm, controlled)
+            corrections = KrylovCorrections(self.compliance, contact.rigid, comm)
+            if isinstance(self.solver, ControlledMatrix):
+                corrections.controlled = self.solver.gaps(self._operator, self.compliance)
+            return corrections
         stuck = self._sticking_tangent() if self._system.symmetric else None
-        corrections = CompiledCorrections(self.compliance, stuck, comm)
+        compiled = CompiledCorrections(self.compliance, stuck, comm)
         if self._restored:
-            corrections.load_state_dict(self._restored)
-        return corrections
+            compiled.load_state_dict(self._restored)
+        return compiled
 
     def _rigid_points_meet(self) -> bool:
         """Return True if rigid points share a node and may tie each other (collective)."""

@@ -33,20 +33,17 @@ class KrylovCorrections:
         compliance: S and its scale.
         rigid: True if some joint is rigid.
         comm: Communicator of the ranks.
-        controlled: The two vectors of `LoadControl.scaled`, None without a controlled load.
+
+    Attributes:
+        controlled: Vectors of `ControlledMatrix.gaps`, None without a controlled load.
     """
 
     rough = 0.0  # relative error of S d
+    controlled: tuple[Floats, Floats] | None = None
 
-    def __init__(
-        self,
-        compliance: Compliance,
-        rigid: bool,
-        comm: Any,
-        controlled: tuple[Floats, Floats] | None = None,
-    ) -> None:
+    def __init__(self, compliance: Compliance, rigid: bool, comm: Any) -> None:
         """Set up the solver (collective)."""
-        self._split, self._controlled, self._comm = compliance.split, controlled, comm
+        self._split, self._comm = compliance.split, comm
         self._inner, self._finest = compliance.split, 0.0
         if compliance.rough is not None and not isinstance(compliance.split, RowMatrix):
             self._inner, self._finest = compliance.rough, limits.FINEST_COMPRESSED
@@ -66,7 +63,7 @@ class KrylovCorrections:
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Write (I + T S) x to y (collective)."""
         values = x.getArray(readonly=True)
-        coupled = self._of(self._inner, values, self._all_rows)
+        coupled = self._times(self._inner, values, self._all_rows)
         y.setArray(self._diagonal * values + _times_blocks(self._tangent, coupled))
 
     def solve(
@@ -84,14 +81,14 @@ class KrylovCorrections:
 
     def product(self, values: Floats) -> Floats:
         """Return S times a vector, shape (m,) (collective)."""
-        return self._of(self._split, values, np.flatnonzero(values))
+        return self._times(self._split, values, np.flatnonzero(values))
 
-    def _of(self, split: Split, values: Floats, rows: Rows) -> Floats:
-        """Return S times a vector by an exact or approximate S without control (collective)."""
+    def _times(self, split: Split, values: Floats, rows: Rows) -> Floats:
+        """Return S times a vector; ``split`` is S without the controlled load (collective)."""
         coupled = split.product(values, rows)
-        if self._controlled is None:
+        if self.controlled is None:
             return coupled
-        column, row = self._controlled
+        column, row = self.controlled
         return coupled - column * summed(self._comm, np.array(row @ values))
 
     def state_dict(self) -> dict[str, Any]:

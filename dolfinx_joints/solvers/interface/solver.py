@@ -101,13 +101,12 @@ class InterfaceSolver(StepSolver):
         assert state is not None
         condensed: Condensed = self._condensed((effective, 1.0 / rule.weight))
         factored, condensed.used = not condensed.used, True
-        value = condensed.controlled_value(x)
-        condensed.matrix.solve_linear(b, x, self._unconstrained)
+        condensed.solver.solve_linear(b, x, self._unconstrained)
         if condensed.static:
-            condensed.refine(b, x, self._unconstrained, value)
+            condensed.solver.refine(b, x, self._unconstrained)
         free_gap = state.gap + self._contact.operator.jump(x)
-        # Controlled joints may break completely; a residual relative to their forces would not fall.
-        least_force = 0.0 if condensed.control is None else self._largest_force
+        # Controlled joints may break completely: a residual relative to their forces stays large.
+        least_force = 0.0 if self.system.control is None else self._largest_force
         step = JointStep(self._contact, condensed, free_gap, state, rule, least_force)
         if condensed.static:
             solved = self._static(step, b, x)
@@ -247,9 +246,9 @@ class InterfaceSolver(StepSolver):
         scale, change = condensed.compliance.scale, force - last_force
         self._points.setArray(change / scale)
         self._operator.multTranspose(self._points, self._nodal)
-        condensed.matrix.solve(self._nodal, self._moved)
+        condensed.solver.solve(self._nodal, self._moved)
         if condensed.static:
-            condensed.refine(self._nodal, self._moved, self._unconstrained, 0.0)
+            condensed.solver.refine(self._nodal, self._moved, self._unconstrained)
         self._moved.pointwiseMult(self._moved, self._unconstrained)
         x.axpy(-1.0, self._moved)
         self._operator.mult(self._moved, self._points)
@@ -268,8 +267,7 @@ class InterfaceSolver(StepSolver):
         self._points.setArray(force / scale)
         self._operator.multTranspose(self._points, self._nodal)
         right_hand_side.axpy(-1.0, self._nodal)
-        value = condensed.controlled_value(x)
-        change = condensed.refine(right_hand_side, x, self._unconstrained, value)
+        change = condensed.solver.refine(right_hand_side, x, self._unconstrained)
         self._operator.mult(change, self._points)
         gaps = self._points.getArray(readonly=True) / scale
         gaps = np.where(condensed.compliance.dead.ravel(), 0.0, gaps)

@@ -151,6 +151,8 @@ def controlled_statics(
     model, monitors, stages = simulation.model, simulation.monitors, simulation.stages
     check_acting(model, loads)
     check_kind_of("loads", loads, len(loads) > 0, "at least one load of the model")
+    kinds = ControlledGap | ControlledDisplacement
+    check_kind_of("quantity", quantity, isinstance(quantity, kinds), "a controlled quantity")
     check_grouted(simulation.static)
     before = simulation.static or unloaded_state(model)
     named = dict(zip(load_names(model.loads), model.loads, strict=True))

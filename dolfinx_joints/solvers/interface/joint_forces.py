@@ -69,7 +69,7 @@ class JointForces:
     def correction(self, at: Iterate, before: Iterate | None) -> Correction:
         """Return Newton's correction of f (collective)."""
         relative, size = self.relative(at), at.max_residual
-        reduction = 1.0 if before is None else size / before.max_residual
+        reduction = size / before.max_residual if before and before.max_residual else 1.0
         tolerance = forcing(self._forcing, reduction, self._target / relative)
         # Drop converged entries of r, so that they cost no product with S.
         smallest = limits.CONVERGED_ENTRIES * self._target * at.reference_force

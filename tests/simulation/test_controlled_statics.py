@@ -160,7 +160,11 @@ def test_bad_input():
         (dict(quantity=dj.ControlledDisplacement(along=(0, 0), place="pulled")), {}, "above zero"),
         (dict(quantity=dj.ControlledDisplacement(along=(1, 0), place="top")), {}, "top"),
         (dict(quantity=dj.ControlledDisplacement(along=(1, 0), place=(0.51, 0.0))), {}, "nearest"),
-        (dict(quantity=dj.ControlledDisplacement(along=(1, 0), place="fixed")), {}, "do not change"),
+        (
+            dict(quantity=dj.ControlledDisplacement(along=(1, 0), place="fixed")),
+            {},
+            "do not change",
+        ),
         (dict(quantity=dj.ControlledGap(joint="joint", component="s2")), {}, "do not change"),
         (dict(quantity=GAP), dict(solver="monolithic"), "condensed solver"),
         (dict(loads=[]), {}, "at least one load"),

@@ -71,6 +71,7 @@ class ControlledGap:
             place = np.pad(check_vector("point", self.point, (model.gdim,)), (0, 3 - model.gdim))
             distance = np.where(chosen, np.linalg.norm(operator.points - place, axis=1), np.inf)
             nearest = min(operator.comm.allgather(float(distance.min(initial=np.inf))))
+            assert operator.sizes is not None
             if nearest > max(operator.comm.allgather(float(operator.sizes.max(initial=0.0)))):
                 where = f"{nearest:.3g} m from the joint {self.joint!r}"
                 raise MeshError(f"The point {shown(tuple(place))} is {where}; give a point on it.")
@@ -110,7 +111,7 @@ class ControlledDisplacement:
             if isinstance(place, str):
                 nodes = nodes_of_group(model.jointed, model.V, place)
             else:
-                point = check_vector("A place", place, (model.gdim,)).tolist()
+                point = [float(x) for x in check_vector("A place", place, (model.gdim,))]
                 distance, nodes = nearest_nodes(model.jointed, model.V, point)
                 if distance > NO_NODE * extent(model.V):
                     where = f"The nearest node is {distance:.3g} m away from {shown(point)}"
@@ -147,6 +148,24 @@ def controlled_statics(
         JumpError: The next equilibrium is distant: the path turns back in the quantity (snap-back).
         ConvergenceError: No equilibrium was found, for example because of a snap-back.
         JointsError: The loads do not change the quantity, or the solver is not the condensed one.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=20e9, poisson=0.0, density=2400.0)
+        >>> law = dj.CohesiveJoint(
+        ...     normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=35.0,
+        ...     tensile_strength=1e5, cohesion=1e5, fracture_energy=50.0,
+        ...     shear_fracture_energy=50.0, softening="linear",
+        ... )
+        >>> pull, base = dj.Traction(group="top", value=(0.0, 0.0, 1e5)), dj.Fixed(group="base")
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=[base], loads=[pull])
+        >>> run, gap = dj.Simulation(model), dj.ControlledGap(joint="joint_1")
+        >>> state = dj.controlled_statics(run, [1e-6, 5e-4], loads=[pull], quantity=gap)
+        >>> [round(s.state.load_factor, 2) for s in run.stages]  # strength, half of it at G_I / f_t
+        [1.0, 0.5]
     """
     model, monitors, stages = simulation.model, simulation.monitors, simulation.stages
     check_acting(model, loads)
@@ -248,10 +267,10 @@ class ControlledPath(Equilibrium):
 
     def _remedy(self, failure: ConvergenceError) -> str:
         """Return the last value of the quantity, and a quantity to control instead."""
-        jumps = isinstance(failure, JumpError) and bool(failure.joints)
-        joint = f"the joint {failure.joints[0]!r}" if jumps else "the joint that breaks"
+        joints = failure.joints if isinstance(failure, JumpError) else ()
+        joint = f"the joint {joints[0]!r}" if joints else "the joint that breaks"
         return (
             f"At this equilibrium {self._quantity} is {self._value:.6g} m. Beyond it the path "
-            f"{'turns' if jumps else 'may turn'} back (snap-back). Control a quantity that grows "
+            f"{'turns' if joints else 'may turn'} back (snap-back). Control a quantity that grows "
             f"along the whole path, such as the opening of {joint}."
         )

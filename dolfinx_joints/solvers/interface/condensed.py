@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
 
@@ -32,9 +32,11 @@ from dolfinx_joints.solvers.effective_matrix import (
 )
 from dolfinx_joints.solvers.interface.corrections import CompiledCorrections
 from dolfinx_joints.solvers.interface.krylov_corrections import KrylovCorrections
-from dolfinx_joints.solvers.interface.load_control import ControlledMatrix
 from dolfinx_joints.solvers.interface.springs import JointSprings
 from dolfinx_joints.solvers.step_solver import SolverOptions
+
+if TYPE_CHECKING:
+    from dolfinx_joints.solvers.interface.load_control import ControlledMatrix
 
 Floats = NDArray[np.float64]
 
@@ -113,12 +115,19 @@ class Condensed:
         )
 
     @cached_property
-    def solver(self) -> EffectiveMatrix | ControlledMatrix:
-        """Solver of a step: the matrix, with a controlled load its elimination (collective)."""
+    def controlled(self) -> ControlledMatrix | None:
+        """Matrix with a controlled load, None without such a load (collective on first use)."""
         if self._system.control is None:
-            return self.matrix
+            return None
+        from dolfinx_joints.solvers.interface.load_control import ControlledMatrix
+
         free = unconstrained_dofs(self._system)
         return ControlledMatrix(self.matrix, *self._system.control, free)
+
+    @property
+    def solver(self) -> EffectiveMatrix | ControlledMatrix:
+        """Solver of a step for displacements (collective on first use)."""
+        return self.controlled or self.matrix
 
     @cached_property
     def compliance(self) -> Compliance:
@@ -168,8 +177,8 @@ class Condensed:
         rigid_points_meet = contact.rigid and self._rigid_points_meet()
         if self.static or rigid_points_meet or not CompiledCorrections.serves(self.compliance):
             corrections = KrylovCorrections(self.compliance, contact.rigid, comm)
-            if isinstance(self.solver, ControlledMatrix):
-                corrections.controlled = self.solver.gaps(self._operator, self.compliance)
+            if self.controlled is not None:
+                corrections.controlled = self.controlled.gaps(self._operator, self.compliance)
             return corrections
         stuck = self._sticking_tangent() if self._system.symmetric else None
         compiled = CompiledCorrections(self.compliance, stuck, comm)

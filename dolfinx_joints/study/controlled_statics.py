@@ -181,6 +181,7 @@ def controlled_statics(
         constant = not isinstance(load, FollowsJoints)
         check_kind_of("A load", load, constant, "independent of the joints in controlled statics")
     name = stage_name(name, "controlled statics", stages)
+    stage_name(f"{name}, 1", "", stages)  # Raises an error if an earlier path has this name.
     with simulation.phase("static"), report_failures(name, model, monitors, stages):
         path = ControlledPath(simulation, before, loads, quantity)
         for step, state in enumerate(path.follow(values), start=1):

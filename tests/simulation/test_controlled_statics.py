@@ -127,6 +127,19 @@ def test_unloading_and_constant_loads():
     assert [stage.name for stage in simulation.stages] == ["statics 1", "controlled statics 1, 1"]
 
 
+@pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning")
+@pytest.mark.parametrize("kind", ["compressed", "matrix-free"])
+def test_other_forms_of_the_compliance(kind):
+    """Compressed and matrix-free compliances give the same branch; names of stages are unique."""
+    model, options = bar(), dj.SolverOptions(compliance=kind)
+    simulation, factors = follow(model, OPENINGS, options=options)
+    np.testing.assert_allclose(factors, traction(OPENINGS, "linear") / PULL, rtol=1e-9, atol=1e-10)
+    with pytest.raises(dj.JointsError, match="in use"):
+        dj.controlled_statics(
+            simulation, [1e-4], loads=model.loads, quantity=GAP, name="controlled statics 1"
+        )
+
+
 @pytest.mark.mpi
 @pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning")
 def test_ranks_and_results_file(comm, tmp_path):

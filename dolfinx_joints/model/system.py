@@ -58,6 +58,8 @@ class MatrixSystem:
         in_joints: All loads that are water in joints, for monitors that record their pressures.
         shared: Data shared by runs of the same model (`SharedBulk`), or None.
         varying_loads: Loads whose pattern varies in time.
+        control: Load f [N] with an unknown factor, and c of the prescribed displacement c.x (28f),
+            both zero at constrained dofs; None without a controlled load.
         coupled: Unknowns of body and reservoir (`BodyAndWater`), None without reservoir waves.
         lowest_modes: Cache of the modes computed for ``exact_modes``, by their number.
     """
@@ -80,6 +82,7 @@ class MatrixSystem:
     in_joints: Sequence[Any] = ()
     shared: Any = None
     varying_loads: Sequence[VaryingLoad] = ()
+    control: tuple[PETSc.Vec, PETSc.Vec] | None = None
     coupled: Any = None
     lowest_modes: dict[int, Any] = field(default_factory=dict, init=False, repr=False)
 

@@ -126,6 +126,8 @@ class StageFields:
             state.displacement, state.joints, None if pressure is None else lambda: pressure
         )
         values |= {"name": stage_bytes(stage.name), "load_time": stage.time}
+        for key in ("load_factor", "controlled"):
+            values[key] = np.nan if (value := getattr(state, key)) is None else value
         values["point_displacement"] = self._probe.read(state.displacement)
         # In static stages viscous boundaries act as supports.
         clamped, absorbing = self._model.constraints, self._model.absorbing

@@ -156,6 +156,8 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
     "statics": (
         Q("name", "-", text="name of the stage, UTF-8 padded with zeros", dtype=np.uint8),
         Q("load_time", "s", text="time at which the loads are evaluated"),
+        Q("load_factor", "-", text="factor of the controlled loads, NaN without them"),
+        Q("controlled", "m", text="controlled gap or displacement, NaN without one"),
         Q("point_displacement", "m", text="displacement of points from the unloaded body"),
         *_STATES,
         _REACTION,

@@ -56,6 +56,8 @@ class StaticState(Summarised):
         missing: Names, as in the energy ledger, of loads of the model that did not act.
         cuts: Number of times that a load increment was halved.
         jumps: Jumps of the stage that ``allow_jumps`` accepted.
+        load_factor: Factor of the controlled loads, None except after `controlled_statics`.
+        controlled: Value of the controlled quantity [m], None except after `controlled_statics`.
     """
 
     displacement: PETSc.Vec
@@ -69,6 +71,8 @@ class StaticState(Summarised):
     missing: tuple[str, ...] = ()
     cuts: int = 0
     jumps: list[Jump] = field(default_factory=list)
+    load_factor: float | None = None
+    controlled: float | None = None
 
     @property
     def unloaded(self) -> bool:
@@ -86,6 +90,8 @@ class StaticState(Summarised):
         balance = 100 * self.energy.relative_error
         yield "energy imbalance", f"{balance:.2g} % of the largest energy"
         yield "jumps", names(map(jump_text, self.jumps))
+        if self.load_factor is not None:
+            yield "load factor", f"{self.load_factor:.4g} at {self.controlled:.4g} m"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

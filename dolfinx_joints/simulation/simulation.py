@@ -250,7 +250,7 @@ class Simulation:
         **arguments: Any,
     ) -> StaticState:
         """Run `march` from the last static state with the simulation's solver (collective)."""
-        with self._phase("static"), report_failures(name, self.model, self.monitors, self.stages):
+        with self.phase("static"), report_failures(name, self.model, self.monitors, self.stages):
             start = self.model, self.static or unloaded_state(self.model), path, acting
             arguments |= {"options": self._options, "kind": self.solver, "watch": self._watch}
             state = march(*start, **arguments)
@@ -322,7 +322,7 @@ class Simulation:
             check_complete(self.static)
         if checkpoint is not None:
             checkpoint.check(self.model.jointed.mesh.comm)
-        with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
+        with self.phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
             reactions = [SupportForces(self.model)] if self.model.absorbing else []
             added: list[Load] = [*moved_by(motion, dt), *reactions, *loads]
             system = self.model.system(added, waves=dt, shared=self.shared)
@@ -368,13 +368,13 @@ class Simulation:
 
     def _step(self, run: DynamicRun, dt: float, end: float) -> None:
         """Compute a step and pass it to the monitors (collective)."""
-        with self._phase("time steps"):
+        with self.phase("time steps"):
             try:
                 report = run.advance(dt, end)
             except ConvergenceError as failure:
                 run.warn_of_slip()
                 raise locate(failure, stage="dynamic", step=run.step + 1) from None
-        with self._phase("monitors"):
+        with self.phase("monitors"):
             run.show(report)
         if run.step % GARBAGE_INTERVAL == 0:
             free_petsc_garbage(self.model.jointed.mesh.comm)
@@ -383,7 +383,7 @@ class Simulation:
     def _save(self, keeper: CheckpointKeeper | None, run: DynamicRun) -> None:
         """Write a checkpoint if one is due (collective)."""
         if keeper is not None:
-            with self._phase("checkpoints"):
+            with self.phase("checkpoints"):
                 keeper.save_if_due(run, self.static)
 
     def report(self, outcome: Outcome) -> str:
@@ -391,7 +391,7 @@ class Simulation:
         return closing_lines(outcome, self.model, self.seconds)
 
     @contextmanager
-    def _phase(self, name: str) -> Iterator[None]:
+    def phase(self, name: str) -> Iterator[None]:
         """Measure the wall time of a ``with`` block and add it to a phase."""
         start = clock.perf_counter()
         try:

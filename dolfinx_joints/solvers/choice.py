@@ -100,7 +100,7 @@ def _solver_of(
     others: list[Callable[[StepSolver], StepSolver]] = []
     if isinstance(first, InterfaceSolver) or not iterates(system, first.options.linear):
         others.append(lambda _: OtherStarts(first))
-    if kind == "auto":
+    if kind == "auto" and system.control is None:
         if isinstance(first, WholeSolver):
             condensed = InterfaceSolver(system, _for_steps(options, contact, static_steps))
             others += [lambda _: condensed, lambda _: OtherStarts(condensed)]
@@ -120,6 +120,12 @@ def _first_solver(
     """Return the solver that is tried first in each step (collective)."""
     contact = system.contact
     rigid = contact is not None and contact.rigid
+    condenses = contact is not None and system.bulk is None and kind in ("auto", "condensed")
+    if system.control is not None and not (condenses and system.symmetric):
+        raise JointsError(
+            "Controlled loads need the condensed solver: a model with joints, without plastic "
+            'cells, with symmetric stiffness, and solver="auto" or "condensed".'
+        )
     if system.bulk is not None and (kind == "condensed" or rigid):
         which = "" if kind == "condensed" else ", which rigid joints need,"
         raise JointsError(
@@ -141,7 +147,8 @@ def _first_solver(
     from dolfinx_joints.solvers.interface.solver import InterfaceSolver
     from dolfinx_joints.solvers.interface.whole import WholeSolver
 
-    if kind == "auto" and _suits_multigrid(system, contact, options or SolverOptions()):
+    whole = kind == "auto" and system.control is None
+    if whole and _suits_multigrid(system, contact, options or SolverOptions()):
         return WholeSolver(system, options)
     return InterfaceSolver(system, _for_steps(options, contact, static_steps))
 

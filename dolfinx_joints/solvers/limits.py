@@ -106,6 +106,10 @@ RIGID_DAMPING = 1e-8
 # rigid joints meet, the opening would contradict the sticking points in all later steps.
 RIGID_OPENING = 10.0
 
+# Smallest change c.z of a controlled displacement by its load, relative to the bound of Cauchy and
+# Schwarz, sqrt((f.z) (c.y)) (28g). Below this value the change is rounding error.
+CONTROLLABLE = 1e-9
+
 # Pseudo-time: 1/dt^2 of the first and the last step relative to |K|/|M|, factor of 1/dt^2 per step,
 # and largest number of steps. Other factors do not find more equilibria.
 PSEUDO_FIRST, PSEUDO_LAST, PSEUDO_FALL, PSEUDO_STEPS = 1e-2, 1e-15, 0.1, 20

@@ -87,6 +87,7 @@ REASONS: dict[str, str] = {
     ),
     "RIGID_DAMPING": f"{CONDENSED} corrections from following rounding errors (`RIGID_DAMPING`)",
     "RIGID_OPENING": f"{CONDENSED} other points in all later steps (`RIGID_OPENING`)",
+    "CONTROLLABLE": "tests/simulation/test_controlled_statics.py::test_bad_input",
     "PSEUDO_FIRST": f"{PATH} so that few points change at a time (`PSEUDO_FIRST`)",
     "PSEUDO_LAST": f"{PATH} the increment fails at the longest step (`PSEUDO_LAST`)",
     "PSEUDO_FALL": "docs/decisions/two_solvers.md#statics falling to 0.03 or 0.3 a step",

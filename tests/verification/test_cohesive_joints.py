@@ -48,7 +48,7 @@ class Rows(Monitor):
         self.rows.append(record.energy)
 
 
-def cantilever(law, young, height, moved):
+def cantilever(law, young, height, moved, *, loads=(), cells=80):
     """Return two arms on a joint of 2 m, clamped at one end and cracked over 1 m at the other."""
     crack = {"joint": lambda x: np.where(x[:, 0] < 1.0 - 1e-9, 1e-9, 0.0)}
     groups = {
@@ -59,7 +59,7 @@ def cantilever(law, young, height, moved):
     return dj.Model(
         box(
             (2.0, 2.0 * height),
-            (80, 4),
+            (cells, 4),
             joints={"joint": (1, height)},
             groups=groups,
             comm=MPI.COMM_SELF,
@@ -67,6 +67,7 @@ def cantilever(law, young, height, moved):
         material=dj.Elastic(young=young, poisson=0.0, density=0.0),
         joints=dj.Joints(law, initial_gaps=crack),
         supports=[dj.Fixed(group="clamped"), *moved],
+        loads=list(loads),
         body=dj.Body(degree=2, plane="stress"),
     )
 

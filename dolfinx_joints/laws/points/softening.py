@@ -169,7 +169,7 @@ def mean_opening(start: float, end: float, whole: bool) -> tuple[float, float]:
         whole: True for the mean over the step, False for the value at its end.
     """
     if not whole:
-        return (end, 1.0) if end > 0.0 else (0.0 * end, 0.0)
+        return (end, 1.0) if end >= 0.0 else (0.0 * end, 0.0)
     if start >= 0.0 and end >= 0.0:
         return 0.5 * (start + end), 0.5
     if start <= 0.0 and end <= 0.0:

@@ -46,14 +46,15 @@ class LoadIncrements:
 
     An increment is a step divided by 2^k, k up to 6. The length doubles again after two increments
     of equal length. Loads vary linearly over a step, whatever its increments. The path contains
-    time [s] and load factor of each step; the time is None for a ramp at time zero. The attribute
+    time [s] and load factor of each step; the time is None for a ramp at time zero, which begins at
+    the factor ``start``. With a controlled quantity, its values replace the factors. The attribute
     ``cuts`` is the number of halved increments.
     """
 
-    def __init__(self, path: Sequence[tuple[float | None, float]]) -> None:
+    def __init__(self, path: Sequence[tuple[float | None, float]], start: float = 0.0) -> None:
         """Start with whole steps."""
         self._path, self._level, self._repeats, self.cuts = path, 0, False, 0
-        self._step, self._reached = 0, 0.0
+        self._step, self._reached = 0, start
 
     def __iter__(self) -> Iterator[Increment]:
         """Yield the increments; after a `cut`, a shorter increment from the same start."""

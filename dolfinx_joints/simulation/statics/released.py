@@ -13,6 +13,9 @@ the slope. If R decreases, the loads exceed the internal forces and accelerate t
 
     D_rel = integral of [P(s) - R(s)] over s from 0 to 1,
     P(s) = largest R up to s, within R0 and R1.                                              (31b)
+
+If the loads fall, R1 < R0, as reactions or controlled loads do while joints soften, R decreases on
+the equilibrium path too. Then P(s) is the load (1 - s) R0 + s R1.
 """
 
 from __future__ import annotations
@@ -55,8 +58,10 @@ def released(
         row[:] = work(np.where(broken[:, None], chord, traction), opening)
     joints = summed(contact.operator.comm, density @ contact.operator.areas)
     chord = (1.0 - PLACES) * joints[0] + PLACES * joints[-1]
-    inner = (1.0 - PLACES) * start + PLACES * end + joints - chord
-    loads = np.clip(np.maximum.accumulate(inner), start, max(start, end))
+    loads = (1.0 - PLACES) * start + PLACES * end
+    inner = loads + joints - chord
+    if end >= start:
+        loads = np.clip(np.maximum.accumulate(inner), start, end)
     total = float(np.trapezoid(loads - inner, PLACES))
     meanwhile = float(np.trapezoid(np.where(loads > inner, np.abs(loads), 0.0), PLACES))
     drop = np.trapezoid(np.maximum.accumulate(density) - density, PLACES, axis=0)

@@ -80,7 +80,7 @@ def march(
     last = Equilibrium(system, solver, before, start, carried, constant=apart is not None)
     increments, jumps = LoadIncrements(path), Jumps(last.ledger, model, allow_jumps)
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
-    for increment in _solve_increments(last, increments, jumps, kind, watch):
+    for increment in solve_increments(last, increments, jumps, kind, watch):
         free_petsc_garbage(model.jointed.mesh.comm)
         progress.advance(int(increment.whole))
         if reached is not None and increment.whole:
@@ -98,7 +98,7 @@ def march(
     return last.state(facts | {"cuts": increments.cuts, "jumps": jumps.recorded})
 
 
-def _solve_increments(
+def solve_increments(
     last: Equilibrium,
     increments: LoadIncrements,
     jumps: Jumps,
@@ -183,14 +183,14 @@ class Equilibrium:
         Raises:
             ConvergenceError: No solution was found.
         """
-        system, x, water = self._system, self._x, self._system.water
+        x, water = self._x, self._system.water
         self._set_up(increment)
         # From the unloaded body without gaps, the solution is proportional to the load, so a
         # shorter increment would fail as well.
         unloaded = self._unloaded and increment.whole and not self.reports
         prepare(self._without_water, increment.shortest or unloaded, self._start)
         response, report = self.solver.solve(STATIC, self._b, x, self.joints)
-        products = Products(system, STATIC, self._b, x, response)
+        products = self._products(response)
         moved = water is not None and bool(water.toggled(water.codes, water.entered).any())
         return SolvedIncrement(
             displacement=self.displacement,
@@ -204,6 +204,10 @@ class Equilibrium:
             water_moved=moved,
             report=report,
         )
+
+    def _products(self, response: Response | None) -> Products:
+        """Return the products of the solution with a response (collective)."""
+        return Products(self._system, STATIC, self._b, self._x, response)
 
     def move(self, increment: Increment, inertia: MatrixCoefficients) -> PETSc.Vec:
         """Return the displacement [m] of an implicit step of motion from rest (collective).

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
 
@@ -33,6 +33,9 @@ from dolfinx_joints.solvers.effective_matrix import (
 from dolfinx_joints.solvers.interface.corrections import CompiledCorrections, KrylovCorrections
 from dolfinx_joints.solvers.interface.springs import JointSprings
 from dolfinx_joints.solvers.step_solver import SolverOptions
+
+if TYPE_CHECKING:
+    from dolfinx_joints.solvers.interface.load_control import ControlledMatrix
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,6 +112,21 @@ class Condensed:
         )
 
     @cached_property
+    def controlled(self) -> ControlledMatrix | None:
+        """Matrix with a controlled load, None without such a load (collective on first use)."""
+        if self._system.control is None:
+            return None
+        from dolfinx_joints.solvers.interface.load_control import ControlledMatrix
+
+        free = unconstrained_dofs(self._system)
+        return ControlledMatrix(self.matrix, *self._system.control, free)
+
+    @property
+    def solver(self) -> EffectiveMatrix | ControlledMatrix:
+        """Solver of a step for displacements (collective on first use)."""
+        return self.controlled or self.matrix
+
+    @cached_property
     def compliance(self) -> Compliance:
         """Scaled compliance of the joints, made on first use (collective)."""
         shared = self._system.shared
@@ -155,12 +173,15 @@ class Condensed:
         contact, comm = self._contact, self._operator.comm.tompi4py()
         rigid_points_meet = contact.rigid and self._rigid_points_meet()
         if self.static or rigid_points_meet or not CompiledCorrections.serves(self.compliance):
-            return KrylovCorrections(self.compliance, contact.rigid, comm)
+            corrections = KrylovCorrections(self.compliance, contact.rigid, comm)
+            if self.controlled is not None:
+                corrections.controlled = self.controlled.gaps(self._operator, self.compliance)
+            return corrections
         stuck = self._sticking_tangent() if self._system.symmetric else None
-        corrections = CompiledCorrections(self.compliance, stuck, comm)
+        compiled = CompiledCorrections(self.compliance, stuck, comm)
         if self._restored:
-            corrections.load_state_dict(self._restored)
-        return corrections
+            compiled.load_state_dict(self._restored)
+        return compiled
 
     def _rigid_points_meet(self) -> bool:
         """Return True if rigid points share a node and may tie each other (collective)."""

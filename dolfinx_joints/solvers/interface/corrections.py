@@ -12,7 +12,7 @@ two sets of points; this module keeps the data.
 
 `KrylovCorrections` uses PETSc's GMRES: in statics, where corrections must be accurate; if S is not
 stored, or compressed and not symmetric; and if rigid joints meet, because their sticking points tie
-each other.
+each other. With a controlled load, S also has the change of rank one of (28g).
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.linalg import cholesky, solve_triangular
 
-from dolfinx_joints.common.arrays import Dealt, Floats
+from dolfinx_joints.common.arrays import Dealt, Floats, Ints
 from dolfinx_joints.common.kernels import njit
-from dolfinx_joints.common.mpi import blocks_of, rank_of, sent_to
+from dolfinx_joints.common.mpi import blocks_of, rank_of, sent_to, summed
 from dolfinx_joints.solvers import limits
-from dolfinx_joints.solvers.compliance.compliance import Compliance, Compressed
+from dolfinx_joints.solvers.compliance.compliance import Compliance, Compressed, Split
 from dolfinx_joints.solvers.compliance.row_matrix import Parts, RowMatrix
 from dolfinx_joints.solvers.interface.compiled.corrections import COUPLED, STEP, Memory, correct
 from dolfinx_joints.solvers.interface.compiled.krylov import space_of
@@ -280,13 +280,17 @@ class KrylovCorrections:
         compliance: S and its scale.
         rigid: True if some joint is rigid.
         comm: Communicator of the ranks.
+
+    Attributes:
+        controlled: Vectors of `ControlledMatrix.gaps`, None without a controlled load.
     """
 
     rough = 0.0  # relative error of S d
+    controlled: tuple[Floats, Floats] | None = None
 
     def __init__(self, compliance: Compliance, rigid: bool, comm: Any) -> None:
         """Set up the solver (collective)."""
-        self._split = compliance.split
+        self._split, self._comm = compliance.split, comm
         self._inner, self._finest = compliance.split, 0.0
         if compliance.rough is not None and not isinstance(compliance.split, RowMatrix):
             self._inner, self._finest = compliance.rough, limits.FINEST_COMPRESSED
@@ -306,7 +310,7 @@ class KrylovCorrections:
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Write (I + T S) x to y (collective)."""
         values = x.getArray(readonly=True)
-        coupled = self._inner.product(values, self._all_rows)
+        coupled = self._times(self._inner, values, self._all_rows)
         y.setArray(self._diagonal * values + _times_blocks(self._tangent, coupled))
 
     def solve(
@@ -324,7 +328,15 @@ class KrylovCorrections:
 
     def product(self, values: Floats) -> Floats:
         """Return S times a vector, shape (m,) (collective)."""
-        return self._split.product(values, np.flatnonzero(values))
+        return self._times(self._split, values, np.flatnonzero(values))
+
+    def _times(self, split: Split, values: Floats, rows: Ints) -> Floats:
+        """Return S times a vector; ``split`` is S without the controlled load (collective)."""
+        coupled = split.product(values, rows)
+        if self.controlled is None:
+            return coupled
+        column, row = self.controlled
+        return coupled - column * summed(self._comm, np.array(row @ values))
 
     def state_dict(self) -> dict[str, Any]:
         """Return an empty state: corrections do not depend on earlier ones."""

@@ -39,7 +39,7 @@ class Iterate(NamedTuple):
         residual: r, shape (m,).
         tangent: T, shape (points, 3, 3).
         point_responses: Tractions and tangents of the laws.
-        max_force: Largest scaled force s w Res of the laws, over all ranks.
+        max_force: Largest scaled force s w Res of the laws, over all ranks, or a larger bound.
         norm: 2-norm of r, over all ranks.
         max_residual: Largest |r|, over all ranks.
         max_gap: Largest gap divided by s, over all ranks: of the free gap and the gap at the start
@@ -74,6 +74,7 @@ class JointStep:
         free_gap: Gap without joint forces, shape (n, 3), [m].
         state: State at the start of the step.
         rule: Integration rule of the laws.
+        least_force: Lower bound of the largest force to which residuals are relative.
     """
 
     def __init__(
@@ -83,8 +84,10 @@ class JointStep:
         free_gap: Floats,
         state: JointState,
         rule: Rule,
+        least_force: float = 0.0,
     ) -> None:
         """Prepare the laws (collective)."""
+        self._least_force = least_force
         self.condensed, self.contact, self._comm = condensed, contact, contact.operator.comm
         self.free_gap, self.state, self.rule = free_gap, state, rule
         compliance, springs = condensed.compliance.own, condensed.springs
@@ -179,7 +182,7 @@ class JointStep:
             residual=residual,
             tangent=scaled,
             point_responses=point_responses,
-            max_force=max_force,
+            max_force=max(max_force, self._least_force),
             norm=square**0.5,
             max_residual=max_residual,
             max_gap=max_gap,

@@ -95,7 +95,7 @@ class JointForces:
     def correction(self, at: Iterate, before: Iterate | None) -> Correction:
         """Return Newton's correction of f (collective)."""
         relative, size = self.relative(at), at.max_residual
-        reduction = 1.0 if before is None else size / before.max_residual
+        reduction = size / before.max_residual if before and before.max_residual else 1.0
         tolerance = forcing(self._forcing, reduction, self._target / relative)
         # Drop converged entries of r, so that they cost no product with S.
         smallest = limits.CONVERGED_ENTRIES * self._target * at.reference_force
@@ -169,7 +169,7 @@ class InterfaceSolver(StepSolver):
         self._nodal, self._moved = (self._operator.createVecRight() for _ in range(2))
         zero = np.zeros(local)
         self.carried: Floats | None = None
-        self._accepted = AcceptedForces()
+        self._accepted, self._largest_force = AcceptedForces(), 0.0
         self._last: tuple[Condensed | None, Floats, Floats] = (None, zero, zero)
         self._before: tuple[Condensed | None, Floats, Floats] = self._last
         operator, chosen = self._operator, self.options  # capturing self would create a cycle
@@ -185,11 +185,13 @@ class InterfaceSolver(StepSolver):
         assert state is not None
         condensed: Condensed = self._condensed((effective, 1.0 / rule.weight))
         factored, condensed.used = not condensed.used, True
-        condensed.matrix.solve_linear(b, x, self._unconstrained)
+        condensed.solver.solve_linear(b, x, self._unconstrained)
         if condensed.static:
-            condensed.matrix.refine(b, x, self._unconstrained)
+            condensed.solver.refine(b, x, self._unconstrained)
         free_gap = state.gap + self._contact.operator.jump(x)
-        step = JointStep(self._contact, condensed, free_gap, state, rule)
+        # Controlled joints may break completely: a residual relative to their forces stays large.
+        least_force = 0.0 if self.system.control is None else self._largest_force
+        step = JointStep(self._contact, condensed, free_gap, state, rule, least_force)
         if condensed.static:
             solved = self._static(step, b, x)
         else:
@@ -245,6 +247,7 @@ class InterfaceSolver(StepSolver):
         """
         problem = JointForces(self, step, starts)
         at, norms = newton(problem, self.options)
+        self._largest_force = max(self._largest_force, at.max_force)
         return Solved(
             force=at.force - at.residual,
             response=step.response(at),
@@ -327,9 +330,9 @@ class InterfaceSolver(StepSolver):
         scale, change = condensed.compliance.scale, force - last_force
         self._points.setArray(change / scale)
         self._operator.multTranspose(self._points, self._nodal)
-        condensed.matrix.solve(self._nodal, self._moved)
+        condensed.solver.solve(self._nodal, self._moved)
         if condensed.static:
-            condensed.matrix.refine(self._nodal, self._moved, self._unconstrained)
+            condensed.solver.refine(self._nodal, self._moved, self._unconstrained)
         self._moved.pointwiseMult(self._moved, self._unconstrained)
         x.axpy(-1.0, self._moved)
         self._operator.mult(self._moved, self._points)
@@ -348,7 +351,7 @@ class InterfaceSolver(StepSolver):
         self._points.setArray(force / scale)
         self._operator.multTranspose(self._points, self._nodal)
         right_hand_side.axpy(-1.0, self._nodal)
-        change = condensed.matrix.refine(right_hand_side, x, self._unconstrained)
+        change = condensed.solver.refine(right_hand_side, x, self._unconstrained)
         self._operator.mult(change, self._points)
         gaps = self._points.getArray(readonly=True) / scale
         gaps = np.where(condensed.compliance.dead.ravel(), 0.0, gaps)

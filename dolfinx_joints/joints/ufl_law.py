@@ -147,7 +147,7 @@ class TractionJoint:
         owner, internal = type(self).__name__, self.internal
         _check_internal(owner, internal)
         points = UflPoints(owner, tuple(internal))
-        traction = points.expression("traction", self.traction, size=3)
+        traction = points.expression("traction", self.traction, (3,))
         psi = points.expression("energy", self.energy or (lambda *_: 0.0))
         updates = [
             points.expression(f"the update of {name}", update)

@@ -84,7 +84,7 @@ def to_rest(
     settled = Simulation(after, monitors=monitors, **options)
     settled.static = _as_static(before, state)
     path = [(state.time, 1.0 / remaining) for remaining in range(steps, 0, -1)]
-    settled.static = settled._march("at rest", path, after.loads)
+    settled.static = settled._march("at rest", path, after.loads, time=state.time)
     settled.add_stage(stage_record(after, "at rest", state.time, settled.static, after.loads))
     return settled
 
@@ -95,7 +95,7 @@ def _as_static(model: Model, state: DynamicState) -> StaticState:
     u, joints, elastic = state.displacement, state.joints, unloaded.energy.joint_elastic
     if model.contact is not None and joints is not None:
         elastic = model.contact.stored_energy(joints.state)
-    strain = 0.5 * float(u.dot(system.stiffness * u)) + system.plastic_terms(joints)[0]
+    strain = 0.5 * float(u.dot(system.stiffness * u)) + system.bulk_terms(joints)[0]
     stored = strain + float(elastic.sum())
     energy = replace(unloaded.energy, strain=strain, joint_elastic=elastic, scale=stored)
     energy = replace(energy, input_by_load={"motion": stored})

@@ -161,10 +161,10 @@ def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) 
 
 
 def _solver(outcome: Outcome, model: Model) -> str:
-    """Return the name of the solver, with plastic cells and laws that use backward Euler."""
+    """Return the name of the solver, with nonlinear cells and laws that use backward Euler."""
     text = f"{outcome.solver} solver"
     if model.bulk is not None:
-        text += f" (plastic cells of {', '.join(model.bulk.kinds)})"
+        text += f" (nonlinear cells of {', '.join(model.bulk.kinds)})"
     if outcome.backward_euler_laws:
         text += f", backward Euler in {', '.join(outcome.backward_euler_laws)}"
     return text

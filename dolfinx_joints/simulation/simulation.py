@@ -232,7 +232,8 @@ class Simulation:
 
         check_grouted(self.static)
         path = [(float(t), 1.0) for t in times]
-        options = {"reached": add_step, "allow_jumps": allow_jumps}
+        last = self.stages[-1].time if self.stages else 0.0
+        options = {"reached": add_step, "allow_jumps": allow_jumps, "time": last}
         self.static = self._march(name, path, self.model.loads, **options)
         return self.static
 

@@ -17,7 +17,7 @@ from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
-from dolfinx_joints.laws.law import Floats, Response
+from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, Response
 from dolfinx_joints.loads.load import Load, always, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
@@ -49,6 +49,7 @@ def march(
     apart: Floats | None = None,
     allow_jumps: bool = False,
     reached: Callable[[float, StaticState], None] | None = None,
+    time: float = 0.0,
 ) -> StaticState:
     """Return the equilibrium at the end of a path of load steps (collective).
 
@@ -57,7 +58,7 @@ def march(
     to the change of loads and prescribed displacements since ``before``. Only the loads ``acting``
     of the model act. Without a ``stage`` all joints and blocks act. ``apart`` are additional
     tractions on joint faces, shape (n, 3), [Pa]; all other loads are then constant. The function
-    ``reached`` is called with time [s] and state after each step.
+    ``reached`` is called with time [s] and state after each step. The path starts at ``time`` [s].
 
     Raises:
         JumpError: No equilibrium without a jump was found and ``allow_jumps`` is false.
@@ -78,7 +79,7 @@ def march(
         system = _constrained(replace(system, contact=idle), before, stage.dofs)
     solver = make_solver(system, options, kind, static_steps=len(path))
     last = Equilibrium(system, solver, before, start, carried, constant=apart is not None)
-    increments, jumps = LoadIncrements(path), Jumps(last.ledger, model, allow_jumps)
+    increments, jumps = LoadIncrements(path, time), Jumps(last.ledger, model, allow_jumps)
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
     for increment in _solve_increments(last, increments, jumps, kind, watch):
         free_petsc_garbage(model.jointed.mesh.comm)
@@ -189,7 +190,8 @@ class Equilibrium:
         # shorter increment would fail as well.
         unloaded = self._unloaded and increment.whole and not self.reports
         prepare(self._without_water, increment.shortest or unloaded, self._start)
-        response, report = self.solver.solve(STATIC, self._b, x, self.joints)
+        rule = replace(BACKWARD_EULER, elapsed=increment.elapsed)
+        response, report = self.solver.solve(STATIC, self._b, x, self.joints, rule)
         products = Products(system, STATIC, self._b, x, response)
         moved = water is not None and bool(water.toggled(water.codes, water.entered).any())
         return SolvedIncrement(

@@ -39,10 +39,10 @@ def unloaded_state(model: Model) -> StaticState:
 
 
 def start_of_stage(system: MatrixSystem, before: StaticState) -> Response | None:
-    """Return the response of joints and plastic cells at the start of a stage (collective).
+    """Return the response of joints and nonlinear cells at the start of a stage (collective).
 
     This is the response at the end of the last stage, or of the unloaded body; None without joints
-    and plastic cells.
+    and nonlinear cells.
     """
     internal_forces = system.internal_forces
     if internal_forces is None or before.joints is not None:
@@ -64,8 +64,8 @@ def state_at_rest(model: Model, end: DynamicState) -> StaticState:
     if forces is not None and joints is not None and not (contact and contact.rigid):
         # Midpoint schemes store mean tractions of the last step: evaluate the laws at its end.
         joints = forces.respond(system.vector(), joints.state, BACKWARD_EULER)
-    works = {CONSTRUCTION: end.strain_energy}
-    energy = replace(start.energy, strain=end.strain_energy, input_by_load=works)
+    strain = end.strain_energy + system.bulk_terms(joints)[0]
+    energy = replace(start.energy, strain=strain, input_by_load={CONSTRUCTION: strain})
     facts = {"joints": joints, "energy": energy, "reaction": end.reaction}
     return replace(start, displacement=end.displacement, **facts)
 

@@ -195,10 +195,10 @@ def check_grouted(static: StaticState | None, inactive: Sequence[str] = ()) -> N
 
 
 def check_elastic(model: Model) -> None:
-    """Check that the body has no plastic cells, whose state stages of construction do not store."""
+    """Check that the body has no nonlinear cells, whose state stages of construction do not store."""
     if model.bulk is not None:
         raise JointsError(
-            "A body with plastic cells cannot have inactive or grouted joints, or absent blocks."
+            "A body with nonlinear cells cannot have inactive or grouted joints, or absent blocks."
         )
 
 

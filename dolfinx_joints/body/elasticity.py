@@ -36,8 +36,9 @@ class ElasticBody:
 
     K: (lambda tr(eps(u)) I + 2 mu eps(u)) : eps(v) dx,   M: rho u . v dx
 
-    The stress is C eps(u) if a material is orthotropic. Only the elastic part of nonlinear materials
-    is used. In 2-D ``plane`` is ``strain`` or ``stress``, with unit thickness; 3-D ignores it.
+    The stress is C eps(u) if a material is orthotropic. Only the elastic part of nonlinear
+    materials is used. In 2-D ``plane`` is ``strain`` or ``stress``, with unit thickness; 3-D
+    ignores it.
 
     Attributes:
         density: rho [kg/m^3].

@@ -153,8 +153,7 @@ class NonlinearBulk:
         """Return the combined response of joints and bulk (collective)."""
         count = len(strain)
         after = BulkState.elastic(strain, self._elastic, before.internal)
-        stress, excess = np.zeros((2, count, SIZE))
-        softening = np.zeros((count, SIZE, SIZE))
+        stress, softening = np.zeros((count, SIZE)), np.zeros((count, SIZE, SIZE))
         (dissipation, numerical), status = np.zeros((2, count)), np.zeros(count, dtype=np.int8)
         with raised_together(self.operator.comm):
             for each in self._laws:

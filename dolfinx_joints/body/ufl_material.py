@@ -117,7 +117,9 @@ class UflMaterial(EndPointMaterial):
     def __repr__(self) -> str:
         """Return the expressions as UFL text, and the elastic part."""
         text = self._points.as_text(elastic=self.elastic)
-        return text.replace(str(_tensor(ufl.algorithms.strip_variables(self._points.gap))), "strain")
+        return text.replace(
+            str(_tensor(ufl.algorithms.strip_variables(self._points.gap))), "strain"
+        )
 
     @property
     def initials(self) -> Mapping[str, Any]:

@@ -91,7 +91,9 @@ class UflPoints:
         foreign = [t for t in terminals if isinstance(t, _OF_A_MESH) and t not in allowed]
         valid = result.ufl_shape == shape and not result.ufl_free_indices
         if foreign or not valid:
-            fault = f"contains {shown(foreign[0], str)}" if foreign else f"has shape {result.ufl_shape}"
+            fault = (
+                f"contains {shown(foreign[0], str)}" if foreign else f"has shape {result.ufl_shape}"
+            )
             raise ValueError(f"{self._owner}: {label} {fault}; {wanted}")
         text = str(renumber_indices(strip_variables(result)))
         self._texts.append(f"{label.removeprefix('the ')}={text}")

@@ -199,7 +199,7 @@ class EndPointMaterial(ABC):
                 if value is not None and not np.isfinite(value[place]).all():
                     raise ValueError(
                         f"{owner}: {name} is NaN or infinite at {at}; avoid for example the "
-                        "derivative of sqrt(x) at x = 0 by sqrt(x + 1e-24)."
+                        "derivative of sqrt(x) at x = 0 by sqrt(x + 1e-30)."
                     )
         scale = float(np.abs(elastic.stiffness_matrix()).max())
         limits = {"stress": _AT_REST * scale, "energy": _AT_REST**2 * scale}

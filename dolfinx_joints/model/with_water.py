@@ -139,8 +139,8 @@ class BodyAndWater:
         """
         if dry.bulk is not None:
             raise JointsError(
-                "Reservoir waves need a linear body, but this body has nonlinear cells. Use an added "
-                "mass instead."
+                "Reservoir waves need a linear body, but this body has nonlinear cells. Use an "
+                "added mass instead."
             )
         patterns = [(self.joined(vector), factor) for vector, factor in dry.patterns]
         names = list(dry.load_names)

@@ -3,7 +3,8 @@
 """Checkpoints of dynamic stages, and restart from them.
 
 Nodal vectors are stored in the node order of the input mesh, arrays of nonlinear cells in its cell
-order, and joint arrays in the global order of the points. The number of ranks may therefore change at a restart.
+order, and joint arrays in the global order of the points. The number of ranks may therefore change
+at a restart.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ class StaticEnergy:
     """Energies after static stages, all in [J]; works and losses count from the unloaded body.
 
     Attributes:
-        strain: Strain energy u.K u / 2 of bulk and springs; stored energy of the law in nonlinear cells.
+        strain: Strain energy u.K u / 2 of bulk and springs, in nonlinear cells that of their law.
         joint_elastic: Elastic energy of each joint, shape (number of joints,).
         input_by_load: Work of each load by name. ``grout`` is grout under pressure, and
             ``construction`` are residual forces of earlier stages in inactive joints and absent

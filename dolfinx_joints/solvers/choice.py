@@ -123,9 +123,9 @@ def _first_solver(
     if system.bulk is not None and (kind == "condensed" or rigid):
         which = "" if kind == "condensed" else ", which rigid joints need,"
         raise JointsError(
-            f"The condensed solver{which} supports linear bodies only. The body has nonlinear cells "
-            f"({', '.join(system.bulk.kinds)}), which need joint laws with finite stiffness and "
-            'solver="auto" or "monolithic".'
+            f"The condensed solver{which} supports linear bodies only. The body has nonlinear "
+            f"cells ({', '.join(system.bulk.kinds)}), which need joint laws with finite "
+            'stiffness and solver="auto" or "monolithic".'
         )
     if kind == "forms" and contact is not None:
         if system.coupled is not None:

@@ -25,7 +25,7 @@ class EnergyRow:
 
     Attributes:
         kinetic: Kinetic energy v.M v / 2.
-        strain: Strain energy u.K u / 2 of bulk and springs; stored energy of the law in nonlinear cells.
+        strain: Strain energy u.K u / 2 of bulk and springs, in nonlinear cells that of their law.
         joint_elastic: Elastic energy of each joint, shape (number of joints,).
         input: Work of loads and of moving supports.
         input_by_load: Work of each load by name.

@@ -195,7 +195,7 @@ def check_grouted(static: StaticState | None, inactive: Sequence[str] = ()) -> N
 
 
 def check_elastic(model: Model) -> None:
-    """Check that the body has no nonlinear cells, whose state stages of construction do not store."""
+    """Check that no cells are nonlinear: stages of construction do not store their state."""
     if model.bulk is not None:
         raise JointsError(
             "A body with nonlinear cells cannot have inactive or grouted joints, or absent blocks."

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.body.quadrature import law_degree, matrix_measure
 from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.materials.bulk_law import BulkLaw, Material, elastic_part, is_nonlinear
+from dolfinx_joints.materials.bulk_law import BulkLaw, Material, elastic_part
 from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.materials.orthotropic import Orthotropic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
@@ -36,9 +36,8 @@ class ElasticBody:
 
     K: (lambda tr(eps(u)) I + 2 mu eps(u)) : eps(v) dx,   M: rho u . v dx
 
-    The stress is C eps(u) if a material is orthotropic. Only the elastic part of nonlinear
-    materials is used. In 2-D ``plane`` is ``strain`` or ``stress``, with unit thickness; 3-D
-    ignores it.
+    The stress is C eps(u) if a material is orthotropic. Of nonlinear materials the elastic part is
+    used. In 2-D ``plane`` is ``strain`` or ``stress``, with unit thickness; 3-D ignores it.
 
     Attributes:
         density: rho [kg/m^3].
@@ -64,7 +63,7 @@ class ElasticBody:
                     f"material is {shown(item)}; it must be an Elastic, an Orthotropic or a "
                     "nonlinear material, or one of these per named cell group."
                 )
-        self._nonlinear = {group: is_nonlinear(item) for group, item in by_group.items()}
+        self._nonlinear = {group: isinstance(item, BulkLaw) for group, item in by_group.items()}
         elastic = {group: elastic_part(item) for group, item in by_group.items()}
         values = {group: _parameters(item, plane) for group, item in elastic.items()}
         is_orthotropic = any(not isinstance(item, Elastic) for item in elastic.values())
@@ -139,10 +138,8 @@ class ElasticBody:
         if "" in self._nonlinear:
             return density * ufl.dx(degree=rule)
         measures = (
-            self._jointed.dx(group)(degree=rule)
-            if nonlinear
-            else matrix_measure(shape, self._jointed.dx(group))
-            for group, nonlinear in self._nonlinear.items()
+            dx(degree=rule) if nonlinear else matrix_measure(shape, dx)
+            for nonlinear, dx in ((n, self._jointed.dx(g)) for g, n in self._nonlinear.items())
         )
         return sum(density * measure for measure in measures)
 

@@ -20,6 +20,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.body.strain_operator import SIZE, StrainOperator, StrainTangent
 from dolfinx_joints.common.mpi import raised_together
+from dolfinx_joints.common.parameters import finite
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import JointInternalForces
 from dolfinx_joints.joints.operator import TangentMatrix
@@ -44,9 +45,7 @@ class CellResponse:
         stress: Stress that acts in the step, shape (n, 6), [Pa].
         excess: ``stress`` minus C times the strain to which K x belongs, shape (n, 6), [Pa].
         softening: Tangent minus elastic tangent, shape (n, 6, 6), [Pa].
-        dissipation: See `BulkResponse`, shape (n,), [J/m^3].
-        numerical: See `BulkResponse`, shape (n,), [J/m^3].
-        status: `BulkStatus` of each point, shape (n,).
+        dissipation, numerical, status: See `BulkResponse`.
     """
 
     stress: Floats
@@ -86,7 +85,8 @@ class NonlinearBulk:
     """Internal forces of the cells with nonlinear materials and of the joints.
 
     ``laws`` are given by cell group; the empty name means all cells. ``kinds`` are the class names
-    of the laws. ``variables`` are the names of their scalar internal variables.
+    of the laws, ``variables`` the names of their scalar internal variables, and ``initial`` all
+    variables at rest, shape (n, m).
     """
 
     def __init__(
@@ -106,20 +106,20 @@ class NonlinearBulk:
         self._joints = None if contact is None else JointInternalForces(contact)
         self._mesh = jointed.mesh
         self.operator = StrainOperator(jointed, V, np.concatenate(list(groups.values())), stiffness)
+        cells = self.operator.cells
+        sizes = np.bincount(cells, self.operator.volumes)[cells] ** (1.0 / topology.dim)
+        self._elastic = np.zeros((len(sizes), SIZE, SIZE))
         with raised_together(self.operator.comm):
             self._laws = [
-                _LawPoints(law, np.flatnonzero(np.isin(self.operator.cells, groups[name])))
+                _LawPoints(law, np.flatnonzero(np.isin(cells, groups[name])))
                 for name, law in laws.items()
             ]
-        sizes = self.operator.cell_sizes()
-        self._elastic = np.zeros((len(sizes), SIZE, SIZE))
-        # Laws with fewer variables than others use the first columns.
-        self._initial = np.zeros((len(sizes), max(each.width for each in self._laws)))
-        with raised_together(self.operator.comm):
+            # Laws with fewer variables than others use the first columns.
+            self.initial = np.zeros((len(sizes), max(each.width for each in self._laws)))
             for each in self._laws:
                 self._elastic[each.points] = each.law.elastic.stiffness_matrix()
                 initial = each.law.initial_variables(sizes[each.points])
-                self._initial[each.points, : each.width] = initial
+                self.initial[each.points, : each.width] = initial
         self.variables = tuple(dict.fromkeys(name for each in self._laws for name in each.columns))
 
     def with_joints(self, contact: Contact) -> NonlinearBulk:
@@ -133,7 +133,7 @@ class NonlinearBulk:
         joints = self._joints.at_rest(u) if self._joints else JointState.at_rest(np.zeros((0, 3)))
         strain = self.operator.strain(u)
         return BodyState(
-            **vars(joints), bulk=BulkState.elastic(strain, self._elastic, self._initial)
+            **vars(joints), bulk=BulkState.elastic(strain, self._elastic, self.initial)
         )
 
     def trial(self, u: PETSc.Vec, state: BodyState) -> BodyResponse:
@@ -151,10 +151,13 @@ class NonlinearBulk:
         self, joints: Response, rule: Rule, strain: Floats, before: BulkState
     ) -> BodyResponse:
         """Return the combined response of joints and bulk (collective)."""
-        count = len(strain)
-        after = BulkState.elastic(strain, self._elastic, before.internal)
-        stress, softening = np.zeros((count, SIZE)), np.zeros((count, SIZE, SIZE))
-        (dissipation, numerical), status = np.zeros((2, count)), np.zeros(count, dtype=np.int8)
+        after = {name: field.copy() for name, field in vars(before).items()}
+        acting: dict[str, Any] = {
+            "stress": np.zeros((len(strain), SIZE)),
+            "tangent": np.zeros_like(self._elastic),
+        }
+        acting |= {name: np.zeros(len(strain)) for name in ("dissipation", "numerical")}
+        acting["status"] = np.zeros(len(strain), dtype=np.int8)
         with raised_together(self.operator.comm):
             for each in self._laws:
                 points = each.points
@@ -163,24 +166,19 @@ class NonlinearBulk:
                 method = getattr(each.law, rule.name)
                 part = method(strain[points], BulkState(**start), rule.elapsed)
                 for name in ("strain", "stress", "energy"):
-                    getattr(after, name)[points] = getattr(part.state, name)
-                after.internal[points, : each.width] = part.state.internal
-                stress[points], softening[points] = part.stress, part.tangent
-                dissipation[points], numerical[points] = part.dissipation, part.numerical
-                status[points] = part.status
+                    after[name][points] = getattr(part.state, name)
+                after["internal"][points, : each.width] = part.state.internal
+                for name, values in acting.items():
+                    values[points] = getattr(part, name)
         # The rule over a whole step uses the mean strain, so its elastic tangent is half of C.
-        acting = before.strain + rule.weight * (strain - before.strain)
-        return BodyResponse(
-            **vars(joints) | {"state": BodyState(**vars(joints.state), bulk=after)},
-            bulk=CellResponse(
-                stress=stress,
-                excess=stress - self._stress(acting),
-                softening=softening - rule.weight * self._elastic,
-                dissipation=dissipation,
-                numerical=numerical,
-                status=status,
-            ),
+        in_stiffness = before.strain + rule.weight * (strain - before.strain)
+        bulk = CellResponse(
+            excess=acting["stress"] - self._stress(in_stiffness),
+            softening=acting.pop("tangent") - rule.weight * self._elastic,
+            **acting,
         )
+        state = BodyState(**vars(joints.state), bulk=BulkState(**after))
+        return BodyResponse(**vars(joints) | {"state": state}, bulk=bulk)
 
     def force(self, response: BodyResponse, out: PETSc.Vec) -> PETSc.Vec:
         """Compute the nodal forces of joints and excess stresses in a step, [N] (collective)."""
@@ -208,13 +206,10 @@ class NonlinearBulk:
         elastic = 0.5 * product(self._stress(bulk.strain), bulk.strain)
         return self.operator.integral(bulk.energy - elastic)
 
-    def dissipation(self, response: Any) -> float:
-        """Return the loss of a step, such as plastic work [J] (collective)."""
-        return self.operator.integral(response.bulk.dissipation)
-
-    def numerical(self, response: Any) -> float:
-        """Return the loss of a step that the integration in time causes [J] (collective)."""
-        return self.operator.integral(response.bulk.numerical)
+    def losses(self, response: Any) -> tuple[float, float]:
+        """Return dissipation and numerical loss of a step, see `BulkResponse`, [J] (collective)."""
+        bulk = response.bulk
+        return self.operator.integral(bulk.dissipation), self.operator.integral(bulk.numerical)
 
     def yielding(self, response: BodyResponse) -> int:
         """Return the number of yielding bulk points on all ranks (collective)."""
@@ -248,9 +243,9 @@ class NonlinearBulk:
     def failure(self, response: BodyResponse, state: BodyState) -> dict[str, Any]:
         """Return keyword arguments of the error for a failed solve (collective)."""
         details = {} if self._joints is None else self._joints.failure(response, state)
-        finite = np.isfinite(response.bulk.stress).all(axis=1)
-        kinds = [type(e.law).__name__ for e in self._laws if not finite[e.points].all()]
-        faulty = sorted({kind for part in self.operator.comm.allgather(kinds) for kind in part})
+        stress = response.bulk.stress
+        kinds = [type(e.law).__name__ for e in self._laws if not finite(stress[e.points])]
+        faulty = sorted(kind for part in self.operator.comm.allgather(kinds) for kind in part)
         if faulty and not details.get("law"):
             details |= {"law": faulty[0], "joint": None}
         return details | {"yielding": self.yielding(response)}

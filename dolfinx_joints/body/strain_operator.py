@@ -47,7 +47,7 @@ class StrainOperator:
         local = np.unique(cells[cells < owned]).astype(np.int32)
         rule = law_degree(jointed.shape, V.ufl_element().degree)
         points, weights = basix.make_quadrature(jointed.shape.type, rule)
-        self.comm, self._mesh = lasting(mesh.comm), mesh
+        self.comm, self._mesh, self._per_cell = lasting(mesh.comm), mesh, len(weights)
         self.cells: Ints = np.repeat(local, len(weights)).astype(np.int64)
         scale = fem.Expression(abs(ufl.JacobianDeterminant(mesh)), points, comm=mesh.comm)
         self.volumes = np.asarray(scale.eval(mesh, local)).ravel() * np.tile(weights, len(local))
@@ -86,27 +86,13 @@ class StrainOperator:
         matrix.assemble()
         return matrix
 
-    def cell_sizes(self) -> Floats:
-        """Return the size of the cell of each local point, shape (n,), [m].
-
-        The size is the cube root of the volume; the square root of the area in 2-D.
-        """
-        volumes = np.bincount(self.cells, self.volumes)
-        sizes: Floats = volumes[self.cells] ** (1.0 / self._mesh.topology.dim)
-        return sizes
-
     def numbers(self) -> Ints:
-        """Return numbers of the local points that do not depend on the ranks (collective).
-
-        The numbers follow the cells of the input mesh.
-        """
+        """Return numbers of the local points, in the order of the input mesh (collective)."""
         original = np.asarray(self._mesh.topology.original_cell_index, dtype=np.int64)
-        per_cell = np.unique(self.cells, return_counts=True)[1]
-        within = np.arange(len(self.cells)) % max(per_cell, default=1)
-        most = max(self.comm.allgather(int(max(per_cell, default=1))))
-        number = most * original[self.cells] + within
+        within = np.arange(len(self.cells)) % self._per_cell
+        number = self._per_cell * original[self.cells] + within
         count = self._mesh.topology.index_map(self._mesh.topology.dim).size_global
-        return positions(self.comm, number, most * count)
+        return positions(self.comm, number, self._per_cell * count)
 
     @property
     def num_points(self) -> int:

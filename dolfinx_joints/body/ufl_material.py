@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import ufl
+from ufl.algorithms import strip_variables
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.joints.ufl_points import UflPoints
 from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.materials.numpy_material import (
@@ -72,23 +72,20 @@ class UflMaterial(EndPointMaterial):
     stress: Callable[..., Any] | None = None
     internal: Mapping[str, tuple[Any, Callable[..., Any]]] = field(default_factory=dict)
     elastic: Elastic | Orthotropic
-    reversible: bool = field(init=False)
     _points: UflPoints = field(init=False)
 
     def __post_init__(self) -> None:
         owner, internal = type(self).__name__, self.internal
-        check_internal(owner, internal)
-        for name, item in internal.items():
-            if not (isinstance(item, tuple) and len(item) == 2 and callable(item[1])):
-                raise ValueError(
-                    f"{owner}: internal has {shown(name)}: {shown(item)}; it must be "
-                    '{"name": (initial value, update function), ...}.'
-                )
+        wanted = '{"name": (initial value, update function), ...}'
+        fits = lambda item: isinstance(item, tuple) and len(item) == 2 and callable(item[1])  # noqa: E731
+        check_internal(owner, internal, wanted, fits)
         if self.energy is None and self.stress is None:
             raise ValueError(f"{owner}: energy and stress are missing; give one of them or both.")
+        initials = {name: initial for name, (initial, _) in internal.items()}
+        object.__setattr__(self, "initials", initials)
         object.__setattr__(self, "reversible", self.stress is None and not internal)
         shapes = self.internal_variables
-        points = UflPoints(owner, {**shapes, "dt": ()}, "strain", 6)
+        points = UflPoints(owner, {**shapes, "step length": ()}, "strain", 6)
         object.__setattr__(self, "_points", points)
         *old, dt = points.internal
         strain = ufl.variable(_tensor(points.gap))
@@ -116,18 +113,11 @@ class UflMaterial(EndPointMaterial):
 
     def __repr__(self) -> str:
         """Return the expressions as UFL text, and the elastic part."""
-        text = self._points.as_text(elastic=self.elastic)
-        return text.replace(
-            str(_tensor(ufl.algorithms.strip_variables(self._points.gap))), "strain"
-        )
+        tensor = str(_tensor(strip_variables(self._points.gap)))
+        return self._points.as_text(elastic=self.elastic).replace(tensor, "strain")
 
-    @property
-    def initials(self) -> Mapping[str, Any]:
-        """Initial values of the internal variables."""
-        return {name: initial for name, (initial, _) in self.internal.items()}
-
-    def respond(self, strain: Floats, internal: Floats, dt: float) -> PointResponse:
-        """Return the response at the end of a step; see `EndPointMaterial.respond`."""
+    def function(self, strain: Floats, internal: Floats, dt: float) -> PointResponse:
+        """Return the response at the end of a step; see `EndPointMaterial`."""
         steps = np.full((len(strain), 1), dt)
         values = self._points.evaluate("end", strain, internal, steps)
         stress, count = np.ascontiguousarray(values[:, :6]), 43 + internal.shape[1]

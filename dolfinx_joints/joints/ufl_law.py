@@ -146,7 +146,7 @@ class TractionJoint:
     def __post_init__(self) -> None:
         owner, internal = type(self).__name__, self.internal
         _check_internal(owner, internal)
-        points = UflPoints(owner, tuple(internal))
+        points = UflPoints(owner, dict.fromkeys(internal, ()))
         traction = points.expression("traction", self.traction, (3,))
         psi = points.expression("energy", self.energy or (lambda *_: 0.0))
         updates = [

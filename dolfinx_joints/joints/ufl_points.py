@@ -34,7 +34,7 @@ class UflPoints:
 
     Args:
         owner: Name of the law, for messages.
-        names: Names of the scalar internal variables, or shapes of all variables by name.
+        shapes: Shapes of the internal variables by name.
         argument: Name of the argument.
         size: Number of components of the argument.
 
@@ -46,17 +46,16 @@ class UflPoints:
     def __init__(
         self,
         owner: str,
-        names: Sequence[str] | Mapping[str, tuple[int, ...]] = (),
+        shapes: Mapping[str, tuple[int, ...]] | None = None,
         argument: str = "gap",
         size: int = 3,
     ) -> None:
         self._owner, self._argument = owner, argument
         self._texts: list[str] = []
         self._mesh = mesh.create_interval(MPI.COMM_SELF, _BLOCK, [0.0, 1.0])
-        shapes = names if isinstance(names, Mapping) else dict.fromkeys(names, ())
         self._gap, *self.internal = (
             fem.Function(fem.functionspace(self._mesh, ("DG", 0, shape)), name=name)
-            for name, shape in [(argument, (size,)), *shapes.items()]
+            for name, shape in [(argument, (size,)), *(shapes or {}).items()]
         )
         self.gap = ufl.variable(self._gap)
         self._compiled: dict[str, tuple[fem.Expression, int]] = {}
@@ -73,9 +72,7 @@ class UflPoints:
         Raises:
             ValueError: The function fails, or the expression has another shape or other arguments.
         """
-        kind = f"a UFL expression of shape {shape}"
-        if len(shape) < 2:
-            kind = f"a UFL vector of {shape[0]} components" if shape else "a UFL scalar"
+        kind = f"a UFL expression of shape {shape}" if shape else "a UFL scalar"
         wanted = f"it must be {kind} that depends on {self._argument} and internal variables only."
         try:
             result = function(*([self.gap, *self.internal] if arguments is None else arguments))
@@ -86,14 +83,11 @@ class UflPoints:
             raise ValueError(
                 f"{self._owner}: {label} fails, {shown(error, str)}; {wanted}"
             ) from error
-        allowed = (self._gap, *self.internal)
+        allowed, found = (self._gap, *self.internal), result.ufl_shape
         terminals = traverse_unique_terminals(result)
         foreign = [t for t in terminals if isinstance(t, _OF_A_MESH) and t not in allowed]
-        valid = result.ufl_shape == shape and not result.ufl_free_indices
-        if foreign or not valid:
-            fault = (
-                f"contains {shown(foreign[0], str)}" if foreign else f"has shape {result.ufl_shape}"
-            )
+        if foreign or found != shape or result.ufl_free_indices:
+            fault = f"contains {shown(foreign[0], str)}" if foreign else f"has shape {found}"
             raise ValueError(f"{self._owner}: {label} {fault}; {wanted}")
         text = str(renumber_indices(strip_variables(result)))
         self._texts.append(f"{label.removeprefix('the ')}={text}")
@@ -131,13 +125,12 @@ class UflPoints:
         for first in range(0, len(columns), _BLOCK):
             block = columns[first : first + _BLOCK]
             cells = np.arange(len(block), dtype=np.int32)
-            start = 0
             for function in (self._gap, *self.internal):
-                stop = start + function.function_space.dofmap.bs
-                if stop <= block.shape[1]:
-                    _fill(function, cells, block[:, start:stop])
-                start = stop
-            result = compiled.eval(self._mesh, cells).reshape(len(block), -1)
+                size_of_one = function.function_space.dofmap.bs
+                if block.shape[1]:
+                    _fill(function, cells, block[:, :size_of_one])
+                block = block[:, size_of_one:]
+            result = compiled.eval(self._mesh, cells).reshape(len(cells), -1)
             values[first : first + _BLOCK] = result[:, :size]
         return values
 

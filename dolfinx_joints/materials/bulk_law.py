@@ -112,11 +112,6 @@ class BulkLaw(Protocol):
 Material: TypeAlias = Elastic | Orthotropic | BulkLaw
 
 
-def is_nonlinear(material: Material) -> bool:
-    """Return True if a material is nonlinear."""
-    return isinstance(material, BulkLaw)
-
-
 def elastic_part(material: Material) -> Elastic | Orthotropic:
     """Return an elastic material unchanged, or the elastic part of a nonlinear material."""
     return material.elastic if isinstance(material, BulkLaw) else material

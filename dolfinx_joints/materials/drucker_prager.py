@@ -116,7 +116,7 @@ class DruckerPrager:
         Args:
             strain: Trial strain, shape (n, 6).
             state: State at the start of the step.
-            dt: Not used: the material does not depend on rates.
+            dt: Not used.
         """
         matrix = self.elastic.stiffness_matrix()
         before = state.internal[:, :6]
@@ -140,7 +140,7 @@ class DruckerPrager:
         Args:
             strain: Trial strain at the end of the step, shape (n, 6).
             state: State at the start of the step.
-            dt: Not used: the material does not depend on rates.
+            dt: Not used.
         """
         matrix = self.elastic.stiffness_matrix()
         before = state.internal[:, :6]

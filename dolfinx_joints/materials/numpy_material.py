@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -21,8 +20,7 @@ from dolfinx_joints.materials.orthotropic import Orthotropic
 # A difference of energies below this part of its terms is rounding error.
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
 
-# Strain at which new materials are evaluated, after zero strain: small beside any limit, no two
-# components or principal strains equal.
+# Strain at which new materials are evaluated after zero strain: small, without equal components.
 _TEST_STRAIN = 1e-7 * np.array([[-3.0, 1.0, 2.0, 0.7, -0.5, 1.1]])
 
 # Largest stress at zero strain, and largest negative stiffness there, divided by the elastic
@@ -35,9 +33,9 @@ class PointResponse(NamedTuple):
 
     Attributes:
         stress: Stress, shape (n, 6), [Pa].
-        tangent: d stress / d strain, internal variables included, shape (n, 6, 6), [Pa].
+        tangent: d stress / d strain, with changing variables, shape (n, 6, 6), [Pa].
         energy: Stored energy per volume, shape (n,), [J/m^3], or None.
-        internal: New internal variables, shape (n, m), or None without variables.
+        internal: New internal variables, shape (n, m).
     """
 
     stress: Floats
@@ -46,8 +44,8 @@ class PointResponse(NamedTuple):
     internal: Floats | None = None
 
 
-class EndPointMaterial(ABC):
-    """Material whose `respond` returns the stress at the end of a step; see `BulkLaw`.
+class EndPointMaterial:
+    """Material whose `function` returns the stress at the end of a step; see `BulkLaw`.
 
     Without internal variables and with an energy the material is reversible. Energy-consistent
     steps then use the discrete gradient of Gonzalez (1996). Otherwise they use the mean of start
@@ -55,25 +53,20 @@ class EndPointMaterial(ABC):
 
     Attributes:
         elastic: Elastic material for the density, the matrix K, modes and damping.
+        function: See `NumpyMaterial`.
+        initials: Initial values of the internal variables: arrays, or functions of cell sizes.
         reversible: True if the stress is the derivative of an energy.
     """
 
     elastic: Any
+    function: Callable[..., Any]
+    initials: Mapping[str, Any]
     reversible: bool
-
-    @property
-    @abstractmethod
-    def initials(self) -> Mapping[str, Any]:
-        """Initial values of the internal variables: arrays, or functions of cell sizes."""
-
-    @abstractmethod
-    def respond(self, strain: Floats, internal: Floats, dt: float) -> PointResponse:
-        """Return the response at strains (n, 6) from old variables (n, m), step length dt [s]."""
 
     @property
     def internal_variables(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the internal variables by name."""
-        return {n: v.shape[1:] for n, v in self._values(np.ones(1)).items()}
+        return {name: value.shape[1:] for name, value in self._values(np.ones(1)).items()}
 
     def initial_variables(self, sizes: Floats) -> Floats:
         """Return the internal variables at rest in cells of given sizes [m], shape (n, m)."""
@@ -84,34 +77,50 @@ class EndPointMaterial(ABC):
         """Return the initial value of each variable, shape (n, ...)."""
         values = {}
         for name, initial in self.initials.items():
-            given = numbers_of(initial(sizes) if callable(initial) else initial)
-            by_cell = callable(initial) and given is not None and given.ndim > 0
-            valid = given is not None and finite(given)
-            if not valid or (callable(initial) and not (by_cell and len(given) == len(sizes))):
+            by_cell = callable(initial)
+            given = numbers_of(initial(sizes) if by_cell else [initial])
+            if given is None or not finite(given) or given.shape[:1] != ((1, len(sizes))[by_cell],):
                 raise ValueError(
                     f"{type(self).__name__}: the initial value of {shown(name)} is "
-                    f"{shown(initial)}; it must be a finite number, an array of such, or a "
-                    "function of cell sizes [m], shape (n,), that returns n values."
+                    f"{shown(initial)}; it must be a finite number, an array, or a function of "
+                    "cell sizes [m], shape (n,), that returns n values."
                 )
-            shape = given.shape if by_cell else (len(sizes), *given.shape)
-            values[name] = np.broadcast_to(given, shape)
+            values[name] = np.broadcast_to(given, (len(sizes), *given.shape[1:]))
         return values
 
     def backward_euler(self, strain: Floats, state: BulkState, dt: float = 0.0) -> BulkResponse:
         """Return the response at the end of a step at a strain (n, 6)."""
-        end = self._respond(strain, state.internal, dt)
-        after = self._state(strain, end)
-        return self._response(end.stress, end.tangent, after, _loss(state, after), state)
+        return self._step(strain, state, dt, whole=False)
 
     def discrete_gradient(self, strain: Floats, state: BulkState, dt: float = 0.0) -> BulkResponse:
         """Return the response over a step to a strain (n, 6), with an exact energy balance."""
-        end = self._respond(strain, state.internal, dt)
-        after = self._state(strain, end)
-        if self.reversible:
-            stress, tangent = self._discrete_gradient(state, after)
-            return self._response(stress, tangent, after, np.zeros(len(strain)), state)
-        mean = 0.5 * (state.stress + end.stress)
-        return self._response(mean, 0.5 * end.tangent, after, _loss(state, after), state)
+        return self._step(strain, state, dt, whole=True)
+
+    def _step(self, strain: Floats, state: BulkState, dt: float, *, whole: bool) -> BulkResponse:
+        """Return the response at the end of a step, or over the whole step."""
+        stress, tangent, energy, internal = self._respond(strain, state.internal, dt)
+        zero = np.zeros(len(strain))
+        after = BulkState(
+            strain=strain.copy(),
+            stress=stress,
+            energy=zero if energy is None else energy,
+            internal=state.internal if internal is None else internal,
+        )
+        mean = 0.5 * (state.stress + stress)
+        loss = product(mean, strain - state.strain) - (after.energy - state.energy)
+        if whole and self.reversible:
+            (stress, tangent), loss = self._discrete_gradient(state, after), zero
+        elif whole:
+            stress, tangent = mean, 0.5 * tangent
+        changed = (after.internal != state.internal).any(axis=1)
+        return BulkResponse(
+            stress=stress,
+            tangent=tangent,
+            state=after,
+            dissipation=zero if self.reversible else loss,
+            numerical=loss if self.reversible else zero,
+            status=np.where(changed, BulkStatus.YIELD, BulkStatus.ELASTIC).astype(np.int8),
+        )
 
     def _discrete_gradient(self, start: BulkState, end: BulkState) -> tuple[Floats, Floats]:
         """Return the stress (12p), whose work equals the change of energy, and its derivative."""
@@ -133,50 +142,27 @@ class EndPointMaterial(ABC):
         tangent[points] += np.einsum("ni,nj->nij", direction, gradient / norm[:, None])
         return stress, tangent
 
-    def _state(self, strain: Floats, end: PointResponse) -> BulkState:
-        """Return the state at the end of a step."""
-        energy = np.zeros(len(strain)) if end.energy is None else end.energy
-        internal = np.zeros((len(strain), 0)) if end.internal is None else end.internal
-        return BulkState(strain=strain.copy(), stress=end.stress, energy=energy, internal=internal)
-
-    def _response(
-        self, stress: Floats, tangent: Floats, after: BulkState, loss: Floats, state: BulkState
-    ) -> BulkResponse:
-        """Return the response; the loss of a reversible material is a numerical one."""
-        zero = np.zeros(len(stress))
-        changed = (after.internal != state.internal).any(axis=1)
-        return BulkResponse(
-            stress=stress,
-            tangent=tangent,
-            state=after,
-            dissipation=zero if self.reversible else loss,
-            numerical=loss if self.reversible else zero,
-            status=np.where(changed, BulkStatus.YIELD, BulkStatus.ELASTIC).astype(np.int8),
-        )
-
     def _respond(self, strain: Floats, internal: Floats, dt: float) -> PointResponse:
         """Return the response, checked for its shapes."""
+        owner, count = type(self).__name__, len(strain)
         if dt < 0.0:
             raise ValueError(
-                f"{type(self).__name__}: the time decreases by {-dt:g} s; the times of "
-                "quasi_statics must increase."
+                f"{owner}: the time decreases by {-dt:g} s; times of quasi_statics must increase."
             )
-        given = self.respond(strain, internal, dt)
-        count, wanted = len(strain), "(stress, tangent, energy or None, internal or None)"
+        given = self.function(strain, internal, dt)
         if not isinstance(given, tuple) or len(given) not in (2, 3, 4):
-            raise ValueError(
-                f"{type(self).__name__} returned {shown(given)}; it must return {wanted}."
-            )
+            wanted = "(stress, tangent[, energy[, internal variables]])"
+            raise ValueError(f"{owner} returned {shown(given)}; it must return {wanted}.")
         answer = PointResponse(*given)
         shapes = [(count, 6), (count, 6, 6), (count,), internal.shape]
         for name, value, shape in zip(PointResponse._fields, answer, shapes, strict=True):
-            required = name in ("stress", "tangent") or (name == "internal" and shape[1])
-            array = isinstance(value, np.ndarray) and value.dtype.kind == "f"
-            if (value is not None or required) and not (array and value.shape == shape):
-                has = shown(value) if not array else f"of shape {value.shape}"
+            if value is None and (name == "energy" or 0 in shape):
+                continue
+            if getattr(value, "dtype", None) != np.float64 or value.shape != shape:
+                found = f"of shape {value.shape}" if hasattr(value, "shape") else shown(value)
                 raise ValueError(
-                    f"{type(self).__name__}: {name} is {has}; for {count} points it must be an "
-                    f"array of floats of shape {shape}."
+                    f"{owner}: {name} is {found}; for {count} points it must be an array of floats "
+                    f"of shape {shape}."
                 )
         return answer
 
@@ -184,8 +170,7 @@ class EndPointMaterial(ABC):
         """Check the elastic part, and the response near zero strain; return the latter.
 
         Raises:
-            ValueError: A value is not finite, stress or energy is not zero at zero strain, or the
-                tangent is not symmetric positive semi-definite there.
+            ValueError: A value is not finite, or one at zero strain is not that of a body at rest.
         """
         owner, elastic = type(self).__name__, self.elastic
         if not isinstance(elastic, Elastic | Orthotropic):
@@ -194,25 +179,22 @@ class EndPointMaterial(ABC):
             )
         strain = np.concatenate([np.zeros((1, 6)), _TEST_STRAIN])
         answer = self._respond(strain, self.initial_variables(np.ones(2)), 0.0)
-        for place, at in enumerate(("zero strain", f"the strain {_TEST_STRAIN[0].tolist()}")):
-            for name, value in zip(PointResponse._fields, answer, strict=True):
-                if value is not None and not np.isfinite(value[place]).all():
-                    raise ValueError(
-                        f"{owner}: {name} is NaN or infinite at {at}; avoid for example the "
-                        "derivative of sqrt(x) at x = 0 by sqrt(x + 1e-30)."
-                    )
+        for name, value in answer._asdict().items():
+            if value is not None and not finite(value):
+                at = f"the strain {_TEST_STRAIN[0].tolist()}" if finite(value[0]) else "zero strain"
+                raise ValueError(
+                    f"{owner}: {name} is NaN or infinite at {at}; avoid for example the derivative "
+                    "of sqrt(x) at x = 0 by sqrt(x + 1e-30)."
+                )
         scale = float(np.abs(elastic.stiffness_matrix()).max())
-        limits = {"stress": _AT_REST * scale, "energy": _AT_REST**2 * scale}
-        for name, limit in limits.items():
+        for name, limit in (("stress", _AT_REST * scale), ("energy", _AT_REST**2 * scale)):
             value = getattr(answer, name)
-            largest = 0.0 if value is None else float(np.abs(value[0]).max())
-            if largest > limit:
+            if value is not None and (largest := np.abs(value[0]).max()) > limit:
                 raise ValueError(
                     f"{owner}: {name} at zero strain is {largest:.3g} Pa; it must be zero. Give "
                     "initial stresses by loads, and energies relative to zero strain."
                 )
-        tangent = answer.tangent[0]
-        least = float(np.linalg.eigvalsh(0.5 * (tangent + tangent.T)).min())
+        least = np.linalg.eigvalsh(0.5 * (answer.tangent[0] + answer.tangent[0].T)).min()
         if least < -_AT_REST * scale:
             raise ValueError(
                 f"{owner}: the tangent at zero strain has the eigenvalue {least:.3g} Pa; it must "
@@ -238,9 +220,8 @@ class NumpyMaterial(EndPointMaterial):
 
     Attributes:
         function: Function of strain (n, 6), internal variables (n, m) at the start of the step and
-            step length [s] that returns stress (n, 6) and tangent (n, 6, 6), [Pa], and, if there
-            are such, stored energy (n,) [J/m^3] or None, and new variables (n, m). It is called
-            with any number of points and must not change its arguments.
+            step length [s] that returns the values of `PointResponse`, at least the first two. It
+            is called with any number of points and must not change its arguments.
         elastic: Elastic material for the density, the matrix K, modes and damping.
         internal: Initial value of each internal variable by name: a number, an array, or a
             function of the sizes of the cells, shape (n,), [m].
@@ -252,31 +233,18 @@ class NumpyMaterial(EndPointMaterial):
     function: Callable[..., Any]
     elastic: Elastic | Orthotropic = field(kw_only=True)
     internal: Mapping[str, Any] = field(default_factory=dict, kw_only=True)
-    reversible: bool = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        check_internal(type(self).__name__, self.internal)
-        answer = self._check()
-        object.__setattr__(self, "reversible", answer.energy is not None and not self.internal)
-
-    @property
-    def initials(self) -> Mapping[str, Any]:
-        """Initial values of the internal variables."""
-        return self.internal
-
-    def respond(self, strain: Floats, internal: Floats, dt: float) -> PointResponse:
-        """Return the values of the function."""
-        return self.function(strain, internal, dt)  # type: ignore[no-any-return]
+        check_internal(type(self).__name__, self.internal, "a dict by name")
+        object.__setattr__(self, "initials", self.internal)
+        has_energy = self._check().energy is not None
+        object.__setattr__(self, "reversible", has_energy and not self.internal)
 
 
-def _loss(start: BulkState, end: BulkState) -> Floats:
-    """Return the work of the mean of two stresses minus the change of the energy, shape (n,)."""
-    work = 0.5 * product(start.stress + end.stress, end.strain - start.strain)
-    return work - (end.energy - start.energy)
-
-
-def check_internal(owner: str, internal: Any) -> None:
-    """Check that internal variables are a mapping with texts as names."""
+def check_internal(
+    owner: str, internal: Any, wanted: str, fits: Callable[[Any], bool] = lambda item: True
+) -> None:
+    """Check that internal variables are a mapping from names to values that fit."""
     valid = isinstance(internal, Mapping) and all(isinstance(n, str) and n for n in internal)
-    if not valid:
-        raise ValueError(f"{owner}: internal is {shown(internal)}; it must be a dict by name.")
+    if not valid or not all(map(fits, internal.values())):
+        raise ValueError(f"{owner}: internal is {shown(internal)}; it must be {wanted}.")

@@ -32,7 +32,7 @@ from dolfinx_joints.laws.law import AnyLaw
 from dolfinx_joints.loads.body_and_face_loads import FormLoad
 from dolfinx_joints.loads.load import AddedMass, JointLoad, Load, check_loads, load_names
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
-from dolfinx_joints.materials.bulk_law import Material, is_nonlinear
+from dolfinx_joints.materials.bulk_law import BulkLaw, Material
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.modal_damping import DampedModes
@@ -151,7 +151,7 @@ class Model(Summarised):
         if isinstance(rayleigh, ModalRatios):
             self.damped_modes, rayleigh = DampedModes(rayleigh), rayleigh.beyond
         self.rayleigh, self.absorption, self.dashpots = self._damping(rayleigh)
-        nonlinear = {group: law for group, law in by_group.items() if is_nonlinear(law)}
+        nonlinear = {group: law for group, law in by_group.items() if isinstance(law, BulkLaw)}
         self.bulk = self._nonlinear_bulk(nonlinear) if nonlinear else None
         self.coupled = None if self.reservoir is None else self._coupled_with(self.reservoir)
 

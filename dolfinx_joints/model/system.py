@@ -184,8 +184,7 @@ class MatrixSystem:
         """
         if self.bulk is None or joints is None:
             return 0.0, 0.0, 0.0
-        bulk = self.bulk
-        return bulk.excess_energy(joints.state), bulk.dissipation(joints), bulk.numerical(joints)
+        return self.bulk.excess_energy(joints.state), *self.bulk.losses(joints)
 
     def norm(self, displacement: PETSc.Vec) -> float:
         """Return the 2-norm over the body's dofs, without water unknowns [m] (collective)."""

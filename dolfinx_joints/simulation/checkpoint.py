@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, fields, is_dataclass
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from types import UnionType
@@ -231,12 +232,9 @@ class CheckpointKeeper:
         if isinstance(value, np.ndarray):
             return Dealt(self._comm, value)
         if isinstance(value, self._by_point):
-            assert self._model.bulk is not None
-            count = self._model.bulk.operator.num_points
-            return {
-                name: Dealt(self._comm, dealt(self._comm, count, self._points, rows))
-                for name, rows in vars(value).items()
-            }
+            to_blocks = partial(dealt, self._comm, sum(self._comm.allgather(len(self._points))))
+            parts = vars(value).items()
+            return {n: Dealt(self._comm, to_blocks(self._points, rows)) for n, rows in parts}
         if isinstance(value, DynamicState | Response | JointState | StaticState | StageRecord):
             return {f.name: self._tree(getattr(value, f.name)) for f in fields(value)}
         if is_dataclass(value) and not isinstance(value, type):

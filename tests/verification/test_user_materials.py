@@ -410,10 +410,10 @@ HOOKE = lambda e: 1e9 * ufl.inner(e, e)  # noqa: E731
         ({"energy": lambda e: -HOOKE(e)}, "tangent at zero strain has the eigenvalue -2e.09 Pa"),
         ({"energy": lambda e: 1e9 * ufl.inner(e, e) ** 0.5}, "is NaN or infinite at zero strain"),
         ({"energy": HOOKE, "elastic": 3.0}, "elastic is 3.0; it must be an Elastic or an Ortho"),
-        ({"energy": HOOKE, "internal": [1]}, r"internal is \[1\]; it must be a dict"),
+        ({"energy": HOOKE, "internal": [1]}, r"internal is \[1\]; it must be {\"name\""),
         (
             {"energy": lambda e, k: HOOKE(e), "internal": {"k": 1.0}},
-            "internal has 'k': 1.0; it must",
+            "internal is {'k': 1.0}; it must",
         ),
         (
             {"energy": lambda e, k: HOOKE(e), "internal": {"k": (math.nan, lambda e, k, dt: k)}},

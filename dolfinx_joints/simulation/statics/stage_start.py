@@ -78,6 +78,9 @@ def check_fits(model: Model, start: StaticState) -> None:
             f"{unfinished[0]} does not act in the given state; all joints and blocks must act."
         )
     fits = start.displacement.getSizes() == model.stiffness.createVecRight().getSizes()
+    if model.bulk is not None and joints is not None:
+        stored = getattr(joints.state, "bulk", None)
+        fits &= stored is not None and stored.internal.shape == model.bulk.initial.shape
     if contact is not None and joints is not None:
         needed = contact.resting(contact.initial_gap)
         fits &= len(joints.state.gap) == len(needed.gap)

@@ -48,7 +48,7 @@ class EndPointMaterial:
     """Material whose `function` returns the stress at the end of a step; see `BulkLaw`.
 
     Without internal variables and with an energy the material is reversible. Energy-consistent
-    steps then use the discrete gradient of Gonzalez (1996). Otherwise they use the mean of start
+    steps then use the discrete gradient of Gonzalez (2000). Otherwise they use the mean of start
     and end stress; the loss is the work of this mean minus the change of the stored energy.
 
     Attributes:

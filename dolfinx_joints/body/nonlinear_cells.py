@@ -69,7 +69,7 @@ class BodyResponse(Response):
     bulk: CellResponse
 
 
-class _LawPoints:
+class _Zone:
     """Local points of a law, number of columns of its variables, and columns of the scalar ones."""
 
     def __init__(self, law: BulkLaw, points: NDArray[np.int64]) -> None:
@@ -110,17 +110,17 @@ class NonlinearBulk:
         sizes = np.bincount(cells, self.operator.volumes)[cells] ** (1.0 / topology.dim)
         self._elastic = np.zeros((len(sizes), SIZE, SIZE))
         with raised_together(self.operator.comm):
-            self._laws = [
-                _LawPoints(law, np.flatnonzero(np.isin(cells, groups[name])))
+            self._zones = [
+                _Zone(law, np.flatnonzero(np.isin(cells, groups[name])))
                 for name, law in laws.items()
             ]
             # Laws with fewer variables than others use the first columns.
-            self.initial = np.zeros((len(sizes), max(each.width for each in self._laws)))
-            for each in self._laws:
-                self._elastic[each.points] = each.law.elastic.stiffness_matrix()
-                initial = each.law.initial_variables(sizes[each.points])
-                self.initial[each.points, : each.width] = initial
-        self.variables = tuple(dict.fromkeys(name for each in self._laws for name in each.columns))
+            self.initial = np.zeros((len(sizes), max(zone.width for zone in self._zones)))
+            for zone in self._zones:
+                self._elastic[zone.points] = zone.law.elastic.stiffness_matrix()
+                initial = zone.law.initial_variables(sizes[zone.points])
+                self.initial[zone.points, : zone.width] = initial
+        self.variables = tuple(dict.fromkeys(name for zone in self._zones for name in zone.columns))
 
     def with_joints(self, contact: Contact) -> NonlinearBulk:
         """Return a copy with other joints."""
@@ -159,15 +159,15 @@ class NonlinearBulk:
         acting |= {name: np.zeros(len(strain)) for name in ("dissipation", "numerical")}
         acting["status"] = np.zeros(len(strain), dtype=np.int8)
         with raised_together(self.operator.comm):
-            for each in self._laws:
-                points = each.points
+            for zone in self._zones:
+                points = zone.points
                 start = {name: field[points] for name, field in vars(before).items()}
-                start["internal"] = start["internal"][:, : each.width]
-                method = getattr(each.law, rule.name)
+                start["internal"] = start["internal"][:, : zone.width]
+                method = getattr(zone.law, rule.name)
                 part = method(strain[points], BulkState(**start), rule.elapsed)
                 for name in ("strain", "stress", "energy"):
                     after[name][points] = getattr(part.state, name)
-                after["internal"][points, : each.width] = part.state.internal
+                after["internal"][points, : zone.width] = part.state.internal
                 for name, values in acting.items():
                     values[points] = getattr(part, name)
         # The rule over a whole step uses the mean strain, so its elastic tangent is half of C.
@@ -244,7 +244,7 @@ class NonlinearBulk:
         """Return keyword arguments of the error for a failed solve (collective)."""
         details = {} if self._joints is None else self._joints.failure(response, state)
         stress = response.bulk.stress
-        kinds = [type(e.law).__name__ for e in self._laws if not finite(stress[e.points])]
+        kinds = [type(z.law).__name__ for z in self._zones if not finite(stress[z.points])]
         faulty = sorted(kind for part in self.operator.comm.allgather(kinds) for kind in part)
         if faulty and not details.get("law"):
             details |= {"law": faulty[0], "joint": None}
@@ -270,9 +270,9 @@ class NonlinearBulk:
                 f"{', '.join(self.variables) or 'none'}."
             )
         values = np.zeros((len(self.operator.volumes), 1))
-        for each in self._laws:
-            if name in each.columns:
-                values[each.points, 0] = state.bulk.internal[each.points, each.columns[name]]
+        for zone in self._zones:
+            if name in zone.columns:
+                values[zone.points, 0] = state.bulk.internal[zone.points, zone.columns[name]]
         field = fem.Function(fem.functionspace(self._mesh, ("DG", 0)), name=name)
         cells, means = self.cell_means(values)
         field.x.array[field.function_space.dofmap.list[cells, 0]] = means[:, 0]

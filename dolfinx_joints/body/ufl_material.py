@@ -18,11 +18,7 @@ from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.joints.ufl_points import UflPoints
 from dolfinx_joints.materials.elastic import Elastic
-from dolfinx_joints.materials.numpy_material import (
-    EndPointMaterial,
-    PointResponse,
-    check_internal,
-)
+from dolfinx_joints.materials.numpy_material import EndPointMaterial, PointResponse, check_internal
 from dolfinx_joints.materials.orthotropic import Orthotropic
 
 # Positions in the stress tensor of the components xx, yy, zz, yz, xz, xy.

@@ -83,11 +83,11 @@ class UflPoints:
             raise ValueError(
                 f"{self._owner}: {label} fails, {shown(error, str)}; {wanted}"
             ) from error
-        allowed, found = (self._gap, *self.internal), result.ufl_shape
+        allowed, returned = (self._gap, *self.internal), result.ufl_shape
         terminals = traverse_unique_terminals(result)
         foreign = [t for t in terminals if isinstance(t, _OF_A_MESH) and t not in allowed]
-        if foreign or found != shape or result.ufl_free_indices:
-            fault = f"contains {shown(foreign[0], str)}" if foreign else f"has shape {found}"
+        if foreign or returned != shape or result.ufl_free_indices:
+            fault = f"contains {shown(foreign[0], str)}" if foreign else f"has shape {returned}"
             raise ValueError(f"{self._owner}: {label} {fault}; {wanted}")
         text = str(renumber_indices(strip_variables(result)))
         self._texts.append(f"{label.removeprefix('the ')}={text}")

@@ -12,7 +12,7 @@ import numpy as np
 
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.parameters import finite, numbers_of, shown
+from dolfinx_joints.common.parameters import finite, is_plain_name, numbers_of, shown
 from dolfinx_joints.materials.bulk_law import BulkResponse, BulkState, BulkStatus, product
 from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.materials.orthotropic import Orthotropic
@@ -159,9 +159,9 @@ class EndPointMaterial:
             if value is None and (name == "energy" or 0 in shape):
                 continue
             if getattr(value, "dtype", None) != np.float64 or value.shape != shape:
-                found = f"of shape {value.shape}" if hasattr(value, "shape") else shown(value)
+                given = f"of shape {value.shape}" if hasattr(value, "shape") else shown(value)
                 raise ValueError(
-                    f"{owner}: {name} is {found}; for {count} points it must be an array of floats "
+                    f"{owner}: {name} is {given}; for {count} points it must be an array of floats "
                     f"of shape {shape}."
                 )
         return answer
@@ -244,7 +244,7 @@ class NumpyMaterial(EndPointMaterial):
 def check_internal(
     owner: str, internal: Any, wanted: str, fits: Callable[[Any], bool] = lambda item: True
 ) -> None:
-    """Check that internal variables are a mapping from names to values that fit."""
-    valid = isinstance(internal, Mapping) and all(isinstance(n, str) and n for n in internal)
+    """Check that internal variables are a mapping from plain names to values that fit."""
+    valid = isinstance(internal, Mapping) and all(map(is_plain_name, map(str, internal)))
     if not valid or not all(map(fits, internal.values())):
         raise ValueError(f"{owner}: internal is {shown(internal)}; it must be {wanted}.")

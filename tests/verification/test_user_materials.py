@@ -58,7 +58,7 @@ def hooke_in_numpy(elastic):
 
 
 def tower(comm, kind, material, cells=2, **options):
-    """Two blocks, one on the other, with a joint; of unit width, two units high."""
+    """Return two blocks of unit width and height, one on the other, with a joint."""
     dim = 3 if kind in ("hexahedron", "tetrahedron") else 2
     jointed = box(
         [1.0] * (dim - 1) + [2.0],
@@ -116,9 +116,9 @@ def test_hooke_equals_the_linear_body(comm, page, kind, scheme):
 
 
 def column(comm, material, cells, neutral):
-    """A column of 1 x 2 m between smooth plates; the upper turns about a neutral axis.
+    """Bend a column of 1 x 2 m between smooth plates; the upper turns about a neutral axis.
 
-    Returns the model, the state, and the resultants at the top: pressure and its moment.
+    Return the model, the state, and the resultants at the top: pressure and its moment.
     """
     groups = {"base": (1, 0.0), "top": (1, 2.0)}
     jointed = box([1.0, 2.0], [cells, 4], groups=groups, comm=comm)
@@ -132,7 +132,7 @@ def column(comm, material, cells, neutral):
 
 
 def sum_over(comm, model, state):
-    """Sum of the reactions at the top along y, and their moment about x = 0."""
+    """Return the sum of the reactions at the top along y, and their moment about x = 0."""
     owned = model.V.dofmap.index_map.size_local
     x = model.V.tabulate_dof_coordinates()[:owned, 0]
     nodes = model.nodes("top")
@@ -144,7 +144,7 @@ TURN = 0.5e-3  # rotation of the column per height [1/m]
 
 
 def force_and_moment(young, neutral, in_tension):
-    """Integrals of the stress over a section from 0 to 1 m, and of x times the stress."""
+    """Return the integrals of the pressure over a section of 1 m, and of x times the pressure."""
     x0, r = neutral, in_tension
     force = 0.5 * (x0**2 - r * (1.0 - x0) ** 2)
     moment = x0**3 / 6.0 - r * ((1.0 - x0**3) / 3.0 - 0.5 * x0 * (1.0 - x0**2))
@@ -153,7 +153,7 @@ def force_and_moment(young, neutral, in_tension):
 
 @pytest.mark.parametrize(("law", "in_tension"), [("UFL", 1e-3), ("NumPy", 0.0)])
 def test_bent_column_without_tension(comm, page, law, in_tension):
-    """The solution is quadratic, with its kink between cells: exact to the solver's tolerance."""
+    """Compare with the quadratic solution, whose kink is between cells: equal to rounding."""
     young, neutral = 5e9, 0.5
     made = page.no_tension if law == "UFL" else page.no_tension_in_space
     model, state, force, moment = column(comm, made(young, 1800.0), 4, neutral)
@@ -171,14 +171,14 @@ def test_bent_column_without_tension(comm, page, law, in_tension):
 
 
 def test_kink_in_the_cells_converges(comm, page):
-    """Neutral axes at random places: the error of the force falls with the square of the cells."""
+    """Halve the cells at several neutral axes: the error of the force falls by four."""
     errors = []
     places = (np.arange(6) + 0.37) / 6.0 * 0.5 + 0.25
     for cells in (4, 8):
         law = page.no_tension(5e9, 1800.0)
-        found = [column(comm, law, cells, at)[2] for at in places]
+        forces = [column(comm, law, cells, at)[2] for at in places]
         exact = [force_and_moment(5e9, at, 1e-3)[0] for at in places]
-        errors.append(np.sqrt(np.mean((np.array(found) / exact - 1.0) ** 2)))
+        errors.append(np.sqrt(np.mean((np.array(forces) / exact - 1.0) ** 2)))
     assert errors[0] > 3.0 * errors[1]
     assert errors[1] < 2e-3
 
@@ -203,9 +203,9 @@ STRENGTH, FRACTURE = 2e6, 100.0
 
 
 def cracked_bar(comm, page, cells, steps, opening=2e-4):
-    """A bar of 0.2 m whose middle layer of cells, with the size h, can break; nu = 0.
+    """Pull a bar of 0.2 m whose middle layer of cells, with the size h, can break; nu = 0.
 
-    Returns the simulation, h, and the last strain of the layer.
+    Return the simulation, h, and the last strain of the layer.
     """
     elastic = dj.Elastic(young=25e9, poisson=0.0, density=2400.0)
     size = 0.2 / cells
@@ -234,12 +234,12 @@ def cracked_bar(comm, page, cells, steps, opening=2e-4):
 
 
 def lost_until(size, strain):
-    """Energy lost per area until a strain of the crack band [J/m^2]."""
+    """Return the energy lost per area until a strain of the crack band [J/m^2]."""
     first = STRENGTH / 25e9
     softening = FRACTURE / (size * STRENGTH) - 0.5 * first
-    left = math.exp((first - strain) / softening)
-    work = STRENGTH * (0.5 * first + softening * (1.0 - left))
-    return size * (work - 0.5 * STRENGTH * left * strain)
+    intact = math.exp((first - strain) / softening)
+    work = STRENGTH * (0.5 * first + softening * (1.0 - intact))
+    return size * (work - 0.5 * STRENGTH * intact * strain)
 
 
 @pytest.mark.parametrize("cells", [5, 9])
@@ -264,7 +264,7 @@ STRESS, SOFTER, TIME = 2e6, 10e9, 3e6
 
 
 def creeping(comm, page, steps):
-    """A cube under pressure for 5e6 s; its shortening and the energy lost [m, J]."""
+    """Press a cube for 5e6 s; return its first and last shortening [m] and the energy lost [J]."""
     jointed = box(
         [1.0] * 3,
         [1, 1, 2],
@@ -281,7 +281,7 @@ def creeping(comm, page, steps):
     simulation = dj.Simulation(model, options=NEWTON)
     first = simulation.statics()
     state = simulation.quasi_statics(np.linspace(0.0, 5e6, steps + 1)[1:])
-    shortening = [-at(comm, each, "top", model) for each in (first, state)]
+    shortening = [-at(comm, result, "top", model) for result in (first, state)]
     assert state.energy.relative_error < 1e-10
     return *shortening, state.energy.plastic
 
@@ -308,9 +308,9 @@ def test_creep_of_a_kelvin_element(comm, page):
 
 def test_results_do_not_depend_on_the_ranks(comm, page):
     ends = []
-    for each in (comm, MPI.COMM_SELF):
+    for ranks in (comm, MPI.COMM_SELF):
         low = page.damage(CONCRETE, 2e5, 50.0)
-        model = tower(each, "tetrahedron", {"low": low, "high": page.kelvin(CONCRETE, 1e10, 1e-2)})
+        model = tower(ranks, "tetrahedron", {"low": low, "high": page.kelvin(CONCRETE, 1e10, 1e-2)})
         outcome = shaken(model)
         assert outcome.imbalance < 1e-10
         ends.append((outcome.energy.plastic, outcome.state.displacement.norm()))
@@ -322,9 +322,9 @@ def test_restart_restores_the_variables(comm, page, new_path):
     """Continue after 4 of 8 steps, on the same ranks and on one: as without the interruption."""
     path = new_path("run.ckpt")
 
-    def model(each):
+    def model(ranks):
         low = page.damage(CONCRETE, 2e5, 50.0)
-        return tower(each, "tetrahedron", {"low": low, "high": page.kelvin(CONCRETE, 1e10, 1e-2)})
+        return tower(ranks, "tetrahedron", {"low": low, "high": page.kelvin(CONCRETE, 1e10, 1e-2)})
 
     whole = shaken(model(comm), monitors=[Stop(0)])
     with pytest.raises(KeyboardInterrupt):
@@ -415,6 +415,7 @@ HOOKE = lambda e: 1e9 * ufl.inner(e, e)  # noqa: E731
             {"energy": lambda e, k: HOOKE(e), "internal": {"k": 1.0}},
             "internal is {'k': 1.0}; it must",
         ),
+        ({"energy": HOOKE, "internal": {"a/b": (0.0, lambda *a: a[1])}}, "internal is {'a/b'"),
         (
             {"energy": lambda e, k: HOOKE(e), "internal": {"k": (math.nan, lambda e, k, dt: k)}},
             "the initial value of 'k' is nan; it must be a finite number",

@@ -231,8 +231,7 @@ class Simulation:
             self.add_stage(stage_record(self.model, label, time, state, self.model.loads))
 
         check_grouted(self.static)
-        path = [(float(t), 1.0) for t in times]
-        last = self.stages[-1].time if self.stages else 0.0
+        path, last = [(float(t), 1.0) for t in times], self.stages[-1].time if self.stages else 0.0
         options = {"reached": add_step, "allow_jumps": allow_jumps, "time": last}
         self.static = self._march(name, path, self.model.loads, **options)
         return self.static

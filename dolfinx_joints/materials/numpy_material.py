@@ -70,8 +70,9 @@ class EndPointMaterial:
 
     def initial_variables(self, sizes: Floats) -> Floats:
         """Return the internal variables at rest in cells of given sizes [m], shape (n, m)."""
-        values = [v.reshape(len(sizes), -1) for v in self._values(sizes).values()]
-        return np.hstack([np.zeros((len(sizes), 0)), *values])
+        count, values = len(sizes), self._values(sizes).values()  # zero on ranks without points
+        columns = [v.reshape(count, int(np.prod(v.shape[1:]))) for v in values]
+        return np.hstack([np.zeros((count, 0)), *columns])
 
     def _values(self, sizes: Floats) -> dict[str, Floats]:
         """Return the initial value of each variable, shape (n, ...)."""

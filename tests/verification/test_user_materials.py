@@ -173,11 +173,11 @@ def test_bent_column_without_tension(comm, page, law, in_tension):
 def test_kink_in_the_cells_converges(comm, page):
     """Halve the cells at several neutral axes: the error of the force falls by four."""
     errors = []
-    places = (np.arange(6) + 0.37) / 6.0 * 0.5 + 0.25
+    places = np.array([0.32, 0.45, 0.63])
     for cells in (4, 8):
-        law = page.no_tension(5e9, 1800.0)
+        law = page.no_tension(5e9, 1800.0, in_tension=1e-2)
         forces = [column(comm, law, cells, at)[2] for at in places]
-        exact = [force_and_moment(5e9, at, 1e-3)[0] for at in places]
+        exact = [force_and_moment(5e9, at, 1e-2)[0] for at in places]
         errors.append(np.sqrt(np.mean((np.array(forces) / exact - 1.0) ** 2)))
     assert errors[0] > 3.0 * errors[1]
     assert errors[1] < 2e-3

@@ -154,7 +154,7 @@ class EndPointMaterial:
         if not isinstance(given, tuple) or len(given) not in (2, 3, 4):
             wanted = "(stress, tangent[, energy[, internal variables]])"
             raise ValueError(f"{owner} returned {shown(given)}; it must return {wanted}.")
-        answer = PointResponse(*given)
+        answer: Any = PointResponse(*given)
         shapes = [(count, 6), (count, 6, 6), (count,), internal.shape]
         for name, value, shape in zip(PointResponse._fields, answer, shapes, strict=True):
             if value is None and (name == "energy" or 0 in shape):
@@ -165,7 +165,7 @@ class EndPointMaterial:
                     f"{owner}: {name} is {given}; for {count} points it must be an array of floats "
                     f"of shape {shape}."
                 )
-        return answer
+        return PointResponse(*answer)
 
     def _check(self) -> PointResponse:
         """Check the elastic part, and the response near zero strain; return the latter.

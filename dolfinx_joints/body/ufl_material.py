@@ -81,7 +81,7 @@ class UflMaterial(EndPointMaterial):
         object.__setattr__(self, "initials", initials)
         object.__setattr__(self, "reversible", self.stress is None and not internal)
         shapes = self.internal_variables
-        points = UflPoints(owner, {**shapes, "step length": ()}, "strain", 6)
+        points = UflPoints(owner, {**shapes, " dt": ()}, "strain", 6)
         object.__setattr__(self, "_points", points)
         *old, dt = points.internal
         strain = ufl.variable(_tensor(points.gap))

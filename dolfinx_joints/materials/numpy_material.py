@@ -78,13 +78,13 @@ class EndPointMaterial:
         """Return the initial value of each variable, shape (n, ...)."""
         values = {}
         for name, initial in self.initials.items():
-            by_cell = callable(initial)
-            given = numbers_of(initial(sizes) if by_cell else [initial])
-            if given is None or not finite(given) or given.shape[:1] != ((1, len(sizes))[by_cell],):
+            given = numbers_of(initial(sizes) if callable(initial) else [initial])
+            count = len(sizes) if callable(initial) else 1
+            valid = given is not None and finite(given) and given.shape[:1] == (count,)
+            if given is None or not valid or 0 in given.shape[1:]:
                 raise ValueError(
-                    f"{type(self).__name__}: the initial value of {shown(name)} is "
-                    f"{shown(initial)}; it must be a finite number, an array, or a function of "
-                    "cell sizes [m], shape (n,), that returns n values."
+                    f"{type(self).__name__}: the initial value of {shown(name)} is {shown(initial)}"
+                    "; it must be a number, an array, or a function of n cell sizes to n values."
                 )
             values[name] = np.broadcast_to(given, (len(sizes), *given.shape[1:]))
         return values

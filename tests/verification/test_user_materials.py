@@ -415,10 +415,14 @@ HOOKE = lambda e: 1e9 * ufl.inner(e, e)  # noqa: E731
             {"energy": lambda e, k: HOOKE(e), "internal": {"k": 1.0}},
             "internal is {'k': 1.0}; it must",
         ),
+        (
+            {"energy": HOOKE, "internal": {"k": ([], lambda *a: a[1])}},
+            "the initial value of 'k' is",
+        ),
         ({"energy": HOOKE, "internal": {"a/b": (0.0, lambda *a: a[1])}}, "internal is {'a/b'"),
         (
             {"energy": lambda e, k: HOOKE(e), "internal": {"k": (math.nan, lambda e, k, dt: k)}},
-            "the initial value of 'k' is nan; it must be a finite number",
+            "the initial value of 'k' is nan; it must be a number",
         ),
         (
             {"energy": lambda e, k: HOOKE(e), "internal": {"k": (0.0, lambda e, k, dt: e)}},
@@ -426,7 +430,7 @@ HOOKE = lambda e: 1e9 * ufl.inner(e, e)  # noqa: E731
         ),
         (
             {"energy": lambda e, k: HOOKE(e), "internal": {"k": (lambda h: 1.0, lambda *a: a[1])}},
-            "function of cell sizes",
+            "a function of n cell sizes",
         ),
     ],
 )

@@ -15,6 +15,7 @@ from .body.supports import Constraints as Constraints
 from .body.supports import Fixed as Fixed
 from .body.supports import Prescribed as Prescribed
 from .body.supports import Spring as Spring
+from .body.ufl_material import UflMaterial as UflMaterial
 from .body.viscous_boundary import ViscousBoundary as ViscousBoundary
 from .common.errors import CheckpointError as CheckpointError
 from .common.errors import ConvergenceError as ConvergenceError
@@ -69,6 +70,7 @@ from .loads.water.reservoir_mesh import MeshedReservoir as MeshedReservoir
 from .loads.water.reservoir_waves import ReservoirWaves as ReservoirWaves
 from .materials.drucker_prager import DruckerPrager as DruckerPrager
 from .materials.elastic import Elastic as Elastic
+from .materials.numpy_material import NumpyMaterial as NumpyMaterial
 from .materials.orthotropic import Orthotropic as Orthotropic
 from .mesh.distribution.split_file import read_split as read_split
 from .mesh.distribution.split_file import write_split as write_split

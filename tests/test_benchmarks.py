@@ -20,6 +20,7 @@ from mpi4py import MPI
 
 from benchmarks import (
     brief,
+    bulk_materials,
     error_against_time,
     error_bars,
     exact_modes,
@@ -62,6 +63,16 @@ def test_jointed_wall(capsys):
         assert row["ledger"] < 1e-9
         assert row["linear_ms"] > 0.0
         assert 0.0 < row["joints_iteration_ms"] < row["joints_ms"]
+
+
+@pytest.mark.mpi
+@pytest.mark.filterwarnings("ignore:The estimated error of a single step")
+def test_bulk_materials():
+    """A linear material is the same on all paths; at 1e-13 the solver leaves less than 1e-10."""
+    rows = bulk_materials.rows(0.5, 3)
+    assert len(rows) == 5
+    assert max(row.difference for row in rows) < 1e-10
+    assert max(row.imbalance for row in rows) < 1e-10
 
 
 @pytest.mark.mpi

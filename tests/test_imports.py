@@ -27,7 +27,7 @@ sys.meta_path.insert(0, Refuse())
 """
 
 OUTPUT = ("report", "export", "geometry", "exact")
-PLASTIC = ("body.plastic_cells", "body.strain_operator", "materials.drucker_prager")
+PLASTIC = ("body.nonlinear_cells", "body.strain_operator", "materials.drucker_prager")
 RESULTS = (*OUTPUT, *PLASTIC, "monitors", "postprocessing", "results", "study")
 JOINTS = (
     "solvers.interface",

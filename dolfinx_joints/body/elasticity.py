@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.body.quadrature import law_degree, matrix_measure
 from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.materials.bulk_law import BulkLaw, Material, elastic_part, is_plastic
+from dolfinx_joints.materials.bulk_law import BulkLaw, Material, elastic_part
 from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.materials.orthotropic import Orthotropic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
@@ -36,8 +36,8 @@ class ElasticBody:
 
     K: (lambda tr(eps(u)) I + 2 mu eps(u)) : eps(v) dx,   M: rho u . v dx
 
-    The stress is C eps(u) if a material is orthotropic. Only the elastic part of plastic materials
-    is used. In 2-D ``plane`` is ``strain`` or ``stress``, with unit thickness; 3-D ignores it.
+    The stress is C eps(u) if a material is orthotropic. Of nonlinear materials the elastic part is
+    used. In 2-D ``plane`` is ``strain`` or ``stress``, with unit thickness; 3-D ignores it.
 
     Attributes:
         density: rho [kg/m^3].
@@ -61,9 +61,9 @@ class ElasticBody:
             if not isinstance(item, Elastic | Orthotropic | BulkLaw):
                 raise ValueError(
                     f"material is {shown(item)}; it must be an Elastic, an Orthotropic or a "
-                    "plastic material, or one of these per named cell group."
+                    "nonlinear material, or one of these per named cell group."
                 )
-        self._plastic = {group: is_plastic(item) for group, item in by_group.items()}
+        self._nonlinear = {group: isinstance(item, BulkLaw) for group, item in by_group.items()}
         elastic = {group: elastic_part(item) for group, item in by_group.items()}
         values = {group: _parameters(item, plane) for group, item in elastic.items()}
         is_orthotropic = any(not isinstance(item, Elastic) for item in elastic.values())
@@ -101,7 +101,7 @@ class ElasticBody:
                 blocks[cells] = _stiffness(item, gdim, plane)
 
     def stress(self, u: Any) -> Any:
-        """Return the Cauchy stress (UFL), [Pa], with the elastic part of plastic materials."""
+        """Return the Cauchy stress (UFL), [Pa], with the elastic part of nonlinear materials."""
         eps = strain(u)
         if self._matrix is not None:
             return _tensor(self._matrix * strain_vector(u), len(u))
@@ -130,16 +130,16 @@ class ElasticBody:
         return (self.strained_axes * self.first_lame + 2.0 * self.shear_modulus) * strain
 
     def stiffness_form(self, u: Any, v: Any) -> Any:
-        """Return the bilinear form of K; plastic cells use the quadrature points of their law."""
+        """Return the bilinear form of K; nonlinear cells use the quadrature points of their law."""
         density, shape = ufl.inner(self.stress(u), strain(v)), self._jointed.shape
-        if not any(self._plastic.values()):
+        if not any(self._nonlinear.values()):
             return density * matrix_measure(shape)
         rule = law_degree(shape, u.ufl_function_space().ufl_element().degree)
-        if "" in self._plastic:
+        if "" in self._nonlinear:
             return density * ufl.dx(degree=rule)
         measures = (
-            dx(degree=rule) if plastic else matrix_measure(shape, dx)
-            for plastic, dx in ((p, self._jointed.dx(group)) for group, p in self._plastic.items())
+            dx(degree=rule) if nonlinear else matrix_measure(shape, dx)
+            for nonlinear, dx in ((n, self._jointed.dx(g)) for g, n in self._nonlinear.items())
         )
         return sum(density * measure for measure in measures)
 

@@ -31,7 +31,7 @@ def matrix_measure(shape: CellShape, measure: ufl.Measure = ufl.dx) -> Any:
 
 
 def law_degree(shape: CellShape, degree: int) -> int:
-    """Return the degree of the quadrature rule at whose points plastic laws are evaluated.
+    """Return the degree of the quadrature rule at whose points nonlinear materials are evaluated.
 
     It is the lowest that integrates the stiffness of straight cells exactly: ``degree`` + 1 points
     per axis of quadrilaterals and hexahedra, ``degree`` being that of the displacement.

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Strain operator of given cells: strain = P u, force = P^T (w stress), tangent = P^T (w D) P.
 
-The operator corresponds to the gap operator of joints; the material laws contain the plasticity.
+The operator corresponds to the gap operator of joints; the material laws return the stress.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.body.elasticity import IN_PLANE, strain_vector
 from dolfinx_joints.body.quadrature import law_degree
-from dolfinx_joints.common.mpi import lasting
+from dolfinx_joints.common.mpi import lasting, positions
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
@@ -47,7 +47,7 @@ class StrainOperator:
         local = np.unique(cells[cells < owned]).astype(np.int32)
         rule = law_degree(jointed.shape, V.ufl_element().degree)
         points, weights = basix.make_quadrature(jointed.shape.type, rule)
-        self.comm = lasting(mesh.comm)
+        self.comm, self._mesh, self._per_cell = lasting(mesh.comm), mesh, len(weights)
         self.cells: Ints = np.repeat(local, len(weights)).astype(np.int64)
         scale = fem.Expression(abs(ufl.JacobianDeterminant(mesh)), points, comm=mesh.comm)
         self.volumes = np.asarray(scale.eval(mesh, local)).ravel() * np.tile(weights, len(local))
@@ -85,6 +85,14 @@ class StrainOperator:
             )
         matrix.assemble()
         return matrix
+
+    def numbers(self) -> Ints:
+        """Return numbers of the local points, in the order of the input mesh (collective)."""
+        original = np.asarray(self._mesh.topology.original_cell_index, dtype=np.int64)
+        within = np.arange(len(self.cells)) % self._per_cell
+        number = self._per_cell * original[self.cells] + within
+        count = self._mesh.topology.index_map(self._mesh.topology.dim).size_global
+        return positions(self.comm, number, self._per_cell * count)
 
     @property
     def num_points(self) -> int:

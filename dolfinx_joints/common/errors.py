@@ -144,8 +144,9 @@ class ConvergenceError(JointsError, RuntimeError):
         slip: Number of sliding joint points.
         frictionless: Number of joint points that are closed without friction.
         joint: Name of the joint with the largest residual.
-        yielding: Number of yielding points of plastic cells.
-        law: Type of the law of ``joint`` that returned NaN or infinity.
+        yielding: Number of points of nonlinear cells whose internal variables change.
+        law: Type of the law of ``joint``, or of the material without ``joint``, that returned NaN
+            or infinity.
         remedy: Sentence that suggests a remedy.
     """
 
@@ -199,7 +200,8 @@ class ConvergenceError(JointsError, RuntimeError):
         if counts:
             details.append(f"joint points {', '.join(counts)}")
         if self.law is not None:
-            details.append(f"the law {self.law} of joint {self.joint!r} returned NaN or infinity")
+            of_joint = "" if self.joint is None else f" of joint {self.joint!r}"
+            details.append(f"the law {self.law}{of_joint} returned NaN or infinity")
         elif self.joint is not None:
             details.append(f"worst joint {self.joint!r}")
         if self.yielding is not None:

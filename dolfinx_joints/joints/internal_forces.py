@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Interface of Newton's method to the nonlinear internal forces: joints, plastic cells."""
+"""Interface of Newton's method to the nonlinear internal forces: joints, nonlinear cells."""
 
 from __future__ import annotations
 

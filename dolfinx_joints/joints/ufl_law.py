@@ -146,8 +146,8 @@ class TractionJoint:
     def __post_init__(self) -> None:
         owner, internal = type(self).__name__, self.internal
         _check_internal(owner, internal)
-        points = UflPoints(owner, tuple(internal))
-        traction = points.expression("traction", self.traction, size=3)
+        points = UflPoints(owner, dict.fromkeys(internal, ()))
+        traction = points.expression("traction", self.traction, (3,))
         psi = points.expression("energy", self.energy or (lambda *_: 0.0))
         updates = [
             points.expression(f"the update of {name}", update)

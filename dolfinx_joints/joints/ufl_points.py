@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""UFL expressions of the gap, evaluated for arrays of points."""
+"""UFL expressions of the gap or of the strain, evaluated for arrays of points."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from mpi4py import MPI
@@ -27,54 +27,67 @@ _OF_A_MESH = (Constant, FormArgument, GeometricQuantity)
 
 
 class UflPoints:
-    """UFL expressions of gap and internal variables, evaluated for arrays of points.
+    """UFL expressions of an argument and variables, evaluated for arrays of points.
 
-    The evaluation uses a private mesh with one cell per point; gap and variables are constant in
-    each cell.
+    The evaluation uses a private mesh with one cell per point; argument and variables are constant
+    in each cell.
 
     Args:
         owner: Name of the law, for messages.
-        names: Names of the internal variables.
+        shapes: Shapes of the internal variables by name.
+        argument: Name of the argument.
+        size: Number of components of the argument.
 
     Attributes:
-        gap: The gap as a UFL variable of three components.
-        internal: The internal variables as scalar functions.
+        gap: The argument as a UFL variable, the gap of joint laws.
+        internal: The variables as functions.
     """
 
-    def __init__(self, owner: str, names: Sequence[str] = ()) -> None:
-        self._owner = owner
+    def __init__(
+        self,
+        owner: str,
+        shapes: Mapping[str, tuple[int, ...]] | None = None,
+        argument: str = "gap",
+        size: int = 3,
+    ) -> None:
+        self._owner, self._argument = owner, argument
         self._texts: list[str] = []
         self._mesh = mesh.create_interval(MPI.COMM_SELF, _BLOCK, [0.0, 1.0])
-        spaces = [fem.functionspace(self._mesh, ("DG", 0, shape)) for shape in ((3,), ())]
-        self._gap = fem.Function(spaces[0], name="gap")
+        self._gap, *self.internal = (
+            fem.Function(fem.functionspace(self._mesh, ("DG", 0, shape)), name=name)
+            for name, shape in [(argument, (size,)), *(shapes or {}).items()]
+        )
         self.gap = ufl.variable(self._gap)
-        self.internal = [fem.Function(spaces[1], name=name) for name in names]
         self._compiled: dict[str, tuple[fem.Expression, int]] = {}
 
-    def expression(self, label: str, function: Callable[..., Any], size: int = 1) -> Any:
-        """Return the UFL expression of a function of gap and internal variables.
+    def expression(
+        self,
+        label: str,
+        function: Callable[..., Any],
+        shape: tuple[int, ...] = (),
+        arguments: Sequence[Any] | None = None,
+    ) -> Any:
+        """Return the UFL expression of a function, by default of gap and internal variables.
 
         Raises:
-            ValueError: The function fails, or the expression has another size or other arguments.
+            ValueError: The function fails, or the expression has another shape or other arguments.
         """
-        kind = "a UFL scalar" if size == 1 else f"a UFL vector of {size} components"
-        wanted = f"it must be {kind} that depends on gap and internal variables only."
+        kind = f"a UFL expression of shape {shape}" if shape else "a UFL scalar"
+        wanted = f"it must be {kind} that depends on {self._argument} and internal variables only."
         try:
-            result = function(self.gap, *self.internal)
+            result = function(*([self.gap, *self.internal] if arguments is None else arguments))
             result = (
-                ufl.as_vector(result) if isinstance(result, list | tuple) else ufl.as_ufl(result)
+                ufl.as_tensor(result) if isinstance(result, list | tuple) else ufl.as_ufl(result)
             )
         except Exception as error:
             raise ValueError(
                 f"{self._owner}: {label} fails, {shown(error, str)}; {wanted}"
             ) from error
-        allowed = (self._gap, *self.internal)
+        allowed, returned = (self._gap, *self.internal), result.ufl_shape
         terminals = traverse_unique_terminals(result)
         foreign = [t for t in terminals if isinstance(t, _OF_A_MESH) and t not in allowed]
-        shape = result.ufl_shape
-        valid = shape == (() if size == 1 else (size,)) and not result.ufl_free_indices
-        if foreign or not valid:
-            fault = f"contains {shown(foreign[0], str)}" if foreign else f"has shape {shape}"
+        if foreign or returned != shape or result.ufl_free_indices:
+            fault = f"contains {shown(foreign[0], str)}" if foreign else f"has shape {returned}"
             raise ValueError(f"{self._owner}: {label} {fault}; {wanted}")
         text = str(renumber_indices(strip_variables(result)))
         self._texts.append(f"{label.removeprefix('the ')}={text}")
@@ -98,28 +111,30 @@ class UflPoints:
             ) from error
         self._compiled[name] = compiled, len(parts)
 
-    def evaluate(self, name: str, gap: Floats, internal: Floats | None = None) -> Floats:
+    def evaluate(self, name: str, *arguments: Floats) -> Floats:
         """Return the values of compiled expressions, shape (n, number of components).
 
         Args:
             name: Name given to `compile`.
-            gap: Gap, shape (n, 3), [m].
-            internal: Internal variables, shape (n, number of variables), or None.
+            arguments: Values of the argument and of variables, each of shape (n, components) for
+                one or more of them in their order; the expression must not depend on others.
         """
         compiled, size = self._compiled[name]
-        values = np.empty((len(gap), size))
-        arguments = gap if internal is None or not self.internal else np.hstack([gap, internal])
-        for first in range(0, len(gap), _BLOCK):
-            block = arguments[first : first + _BLOCK]
+        columns = np.hstack(arguments)
+        values = np.empty((len(columns), size))
+        for first in range(0, len(columns), _BLOCK):
+            block = columns[first : first + _BLOCK]
             cells = np.arange(len(block), dtype=np.int32)
-            _fill(self._gap, cells, block[:, :3])
-            for k, variable in enumerate(self.internal, start=3):
-                _fill(variable, cells, block[:, k : k + 1])
-            result = compiled.eval(self._mesh, cells).reshape(len(block), -1)
+            for function in (self._gap, *self.internal):
+                size_of_one = function.function_space.dofmap.bs
+                if block.shape[1]:
+                    _fill(function, cells, block[:, :size_of_one])
+                block = block[:, size_of_one:]
+            result = compiled.eval(self._mesh, cells).reshape(len(cells), -1)
             values[first : first + _BLOCK] = result[:, :size]
         return values
 
-    def as_text(self, **values: float) -> str:
+    def as_text(self, **values: Any) -> str:
         """Return the law as text, with its expressions and the given values by name."""
         numbers = [f"{name}={value!r}" for name, value in values.items()]
         return f"{self._owner}({', '.join([*self._texts, *numbers])})"

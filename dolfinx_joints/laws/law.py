@@ -72,16 +72,19 @@ class Rule:
         name: Name of the law's method.
         weight: d traction / d gap of a sticking point divided by its stiffness k: 1 for the
             traction at the end of a step, 1/2 for the mean over a whole step.
-        dt: Length of the step [s], infinite in statics.
+        dt: Length of the step for rate-dependent joint laws [s], infinite in statics.
+        elapsed: Length of the step for materials [s]: zero in load ramps, the time between the
+            times of quasi-static stages.
     """
 
     name: str
     weight: float
     dt: float = math.inf
+    elapsed: float = 0.0
 
     def over(self, dt: float) -> Rule:
         """Return the rule for a step of length dt [s]."""
-        return replace(self, dt=dt)
+        return replace(self, dt=dt, elapsed=dt)
 
 
 # Traction at the end of the step, or its mean over the step with an exact energy balance.

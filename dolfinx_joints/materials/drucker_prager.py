@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import annotated_types as at
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.materials.bulk_law import BulkResponse, BulkState, BulkStatus
+from dolfinx_joints.materials.bulk_law import BulkResponse, BulkState, BulkStatus, product
 from dolfinx_joints.materials.elastic import Elastic
 
 _TRACE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
@@ -100,34 +101,37 @@ class DruckerPrager:
         _, radius, trace = _invariants(stress)
         return radius + self.slope * trace - self.strength
 
-    def backward_euler(self, strain: Floats, state: BulkState) -> BulkResponse:
+    @property
+    def internal_variables(self) -> Mapping[str, tuple[int, ...]]:
+        """Plastic strain, and the sum of sqrt(2/3) |d eps_p| over all steps."""
+        return {"plastic strain [-]": (6,), "accumulated plastic strain [-]": ()}
+
+    def initial_variables(self, sizes: Floats) -> Floats:
+        """Return the variables without plastic strain, shape (n, 7)."""
+        return np.zeros((len(sizes), 7))
+
+    def backward_euler(self, strain: Floats, state: BulkState, dt: float = 0.0) -> BulkResponse:
         """Compute the return mapping at the end of a step (backward Euler, closed form).
 
         Args:
             strain: Trial strain, shape (n, 6).
             state: State at the start of the step.
+            dt: Not used.
         """
         matrix = self.elastic.stiffness_matrix()
-        before = (state.strain - state.plastic_strain) @ matrix
-        stress, increment, tangent, status = self._return_mapping(
-            (strain - state.plastic_strain) @ matrix
-        )
-        plastic = state.plastic_strain + increment
-        after = BulkState(
-            strain=strain.copy(),
-            plastic_strain=plastic,
-            accumulated=state.accumulated + _amount(increment),
-        )
+        before = state.internal[:, :6]
+        stress, increment, tangent, status = self._return_mapping((strain - before) @ matrix)
+        start = (state.strain - before) @ matrix
         return BulkResponse(
             stress=stress,
-            plastic_strain=plastic,
             tangent=tangent,
-            state=after,
-            dissipation=0.5 * _product(before + stress, increment),
+            state=self._state(strain, state, increment, _amount(increment)),
+            dissipation=0.5 * product(start + stress, increment),
+            numerical=np.zeros(len(strain)),
             status=status,
         )
 
-    def discrete_gradient(self, strain: Floats, state: BulkState) -> BulkResponse:
+    def discrete_gradient(self, strain: Floats, state: BulkState, dt: float = 0.0) -> BulkResponse:
         """Compute the return mapping at mid-step, with an energy balance (docs/theory).
 
         The stress at mid-step is admissible. The end stress is extrapolated from the mid-step
@@ -136,27 +140,32 @@ class DruckerPrager:
         Args:
             strain: Trial strain at the end of the step, shape (n, 6).
             state: State at the start of the step.
+            dt: Not used.
         """
         matrix = self.elastic.stiffness_matrix()
-        middle = 0.5 * (state.strain + strain)
-        trial = (middle - state.plastic_strain) @ matrix
+        before = state.internal[:, :6]
+        trial = (0.5 * (state.strain + strain) - before) @ matrix
         stress, half, tangent, status = self._return_mapping(trial)
-        plastic = state.plastic_strain + 2.0 * half
-        beyond = (strain - plastic) @ matrix
+        beyond = (strain - before - 2.0 * half) @ matrix
         end, released, _, _ = self._return_mapping(beyond)
-        after = BulkState(
-            strain=strain.copy(),
-            plastic_strain=plastic + released,
-            accumulated=state.accumulated + _amount(2.0 * half) + _amount(released),
-        )
+        grown = _amount(2.0 * half) + _amount(released)
         return BulkResponse(
             stress=stress,
-            plastic_strain=state.plastic_strain + half,
             tangent=0.5 * tangent,
-            state=after,
-            dissipation=2.0 * _product(stress, half) + 0.5 * _product(beyond + end, released),
+            state=self._state(strain, state, 2.0 * half + released, grown),
+            dissipation=2.0 * product(stress, half) + 0.5 * product(beyond + end, released),
+            numerical=np.zeros(len(strain)),
             status=status,
         )
+
+    def _state(
+        self, strain: Floats, state: BulkState, increment: Floats, grown: Floats
+    ) -> BulkState:
+        """Return the state at a strain after an increment of the plastic strain."""
+        plastic = state.internal[:, :6] + increment
+        internal = np.column_stack([plastic, state.internal[:, 6] + grown])
+        elastic = BulkState.elastic(strain - plastic, self.elastic.stiffness_matrix(), internal)
+        return replace(elastic, strain=strain.copy())
 
     def _return_mapping(self, trial: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.int8]]:
         """Return admissible stress, plastic strain increment, d stress / d strain and status."""
@@ -212,10 +221,6 @@ def _invariants(stress: Floats) -> tuple[Floats, Floats, Floats]:
     trace = stress[:, :3].sum(axis=1)
     deviator = stress - np.outer(trace / 3.0, _TRACE)
     return deviator, np.sqrt(0.5 * (deviator**2 @ _DOUBLE)), trace
-
-
-def _product(stress: Floats, strain: Floats) -> Floats:
-    return np.einsum("ni,ni->n", stress, strain)
 
 
 def _amount(strain: Floats) -> Floats:

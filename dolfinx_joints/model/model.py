@@ -32,7 +32,7 @@ from dolfinx_joints.laws.law import AnyLaw
 from dolfinx_joints.loads.body_and_face_loads import FormLoad
 from dolfinx_joints.loads.load import AddedMass, JointLoad, Load, check_loads, load_names
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
-from dolfinx_joints.materials.bulk_law import Material, is_plastic
+from dolfinx_joints.materials.bulk_law import BulkLaw, Material
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.modal_damping import DampedModes
@@ -41,7 +41,7 @@ from dolfinx_joints.model.plausibility import warn_of_implausible_values, warn_o
 from dolfinx_joints.model.system import MatrixSystem, water_in
 
 if TYPE_CHECKING:
-    from dolfinx_joints.body.plastic_cells import PlasticBulk
+    from dolfinx_joints.body.nonlinear_cells import NonlinearBulk
     from dolfinx_joints.loads.water.water import Reservoir
     from dolfinx_joints.model.with_water import BodyAndWater
 
@@ -52,8 +52,8 @@ class Model(Summarised):
 
     Args:
         jointed: The mesh. Without joints the body is monolithic and no joint code runs.
-        material: One material, or one per named cell group: `Elastic`, `Orthotropic`, or plastic
-            such as `DruckerPrager`.
+        material: One material, or one per named cell group: `Elastic`, `Orthotropic`, or nonlinear
+            such as `DruckerPrager` and `UflMaterial`.
         joints: One law for all joints, one per joint name, or `Joints` with further options. May be
             omitted if the mesh has no joints or ``extra_stiffness`` ties all of them.
         supports: Fixed and prescribed components, springs, viscous boundaries.
@@ -70,7 +70,7 @@ class Model(Summarised):
         body: Material fields and stress recovery.
         operator: Joint operator, None without joints.
         contact: Joints with their laws, None without joints.
-        bulk: Cells with plastic materials, None without such cells.
+        bulk: Cells with nonlinear materials, None without such cells.
         constraints: Constrained dofs.
         absorbing: Facet groups with a viscous boundary.
         mass, rayleigh, dashpots, absorption, damped_modes: See `MatrixSystem`.
@@ -151,8 +151,8 @@ class Model(Summarised):
         if isinstance(rayleigh, ModalRatios):
             self.damped_modes, rayleigh = DampedModes(rayleigh), rayleigh.beyond
         self.rayleigh, self.absorption, self.dashpots = self._damping(rayleigh)
-        plastic = {group: law for group, law in by_group.items() if is_plastic(law)}
-        self.bulk = self._plastic_bulk(plastic) if plastic else None
+        nonlinear = {group: law for group, law in by_group.items() if isinstance(law, BulkLaw)}
+        self.bulk = self._nonlinear_bulk(nonlinear) if nonlinear else None
         self.coupled = None if self.reservoir is None else self._coupled_with(self.reservoir)
 
     def _summary(self) -> Rows:
@@ -243,15 +243,15 @@ class Model(Summarised):
         """Trial and test function of the displacement space."""
         return ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
 
-    def _plastic_bulk(self, laws: Mapping[str, Any]) -> PlasticBulk:
-        """Return the cells with plastic materials."""
-        from dolfinx_joints.body.plastic_cells import PlasticBulk
+    def _nonlinear_bulk(self, laws: Mapping[str, Any]) -> NonlinearBulk:
+        """Return the cells with nonlinear materials."""
+        from dolfinx_joints.body.nonlinear_cells import NonlinearBulk
 
         if self.gdim == 2 and self._options.plane == "stress":
             raise ValueError(
-                "Plastic materials need plane='strain' or a 3-D mesh; plane is 'stress'."
+                "Nonlinear materials need plane='strain' or a 3-D mesh; plane is 'stress'."
             )
-        return PlasticBulk(self.jointed, self.V, laws, self.stiffness, self.contact)
+        return NonlinearBulk(self.jointed, self.V, laws, self.stiffness, self.contact)
 
     def _matrix(self, *forms: Any) -> PETSc.Mat:
         """Assemble the matrix of the sum of the forms, without zeros."""

@@ -26,7 +26,7 @@ from dolfinx_joints.loads.load import FollowsJoints, JointLoad, Load, VaryingLoa
 from dolfinx_joints.mesh.cells import Floats, Ints
 
 if TYPE_CHECKING:
-    from dolfinx_joints.body.plastic_cells import PlasticBulk
+    from dolfinx_joints.body.nonlinear_cells import NonlinearBulk
     from dolfinx_joints.loads.load import LoadedBody
     from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
 
@@ -47,7 +47,7 @@ class MatrixSystem:
         absorption: Part of ``dashpots`` that is due to viscous boundaries [N s/m], or None.
         damped_modes: Part of C that is due to damping ratios of modes (`DampedModes`), or None.
         contact: The joints, or None.
-        bulk: Cells with plastic materials, or None. K contains their elastic stiffness.
+        bulk: Cells with nonlinear materials, or None. K contains their elastic stiffness.
         patterns: Nodal forces [N] with their factors, functions of time [s].
         load_names: Name of the load that each pattern belongs to; ``load`` for all by default.
         constrained: Owned constrained dofs, local numbers.
@@ -71,7 +71,7 @@ class MatrixSystem:
     absorption: PETSc.Mat | None = None
     damped_modes: Any = None
     contact: Contact | None = None
-    bulk: PlasticBulk | None = None
+    bulk: NonlinearBulk | None = None
     patterns: Sequence[Pattern] = ()
     load_names: Sequence[str] = ()
     constrained: Ints = field(default_factory=lambda: np.empty(0, dtype=np.int64))
@@ -144,7 +144,7 @@ class MatrixSystem:
 
     @cached_property
     def internal_forces(self) -> InternalForces | None:
-        """Forces of joints, plastic cells, or both; None for a linear system."""
+        """Forces of joints, nonlinear cells, or both; None for a linear system."""
         if self.bulk is not None:
             return self.bulk
         return None if self.contact is None else JointInternalForces(self.contact)
@@ -179,14 +179,15 @@ class MatrixSystem:
             stiffness + damping * self.rayleigh.stiffness_factor,
         )
 
-    def plastic_terms(self, joints: Any) -> tuple[float, float]:
-        """Return the change of u.K u / 2 by plastic strains, and their dissipation in a step [J].
+    def bulk_terms(self, joints: Any) -> tuple[float, float, float]:
+        """Return energies of nonlinear cells [J] (collective).
 
-        ``joints`` is the response of joints and plastic cells, or None (collective).
+        The energies are the stored energy minus its part in u.K u / 2, and the loss and the
+        numerical loss of a step. ``joints`` is the response of joints and cells, or None.
         """
         if self.bulk is None or joints is None:
-            return 0.0, 0.0
-        return self.bulk.elastic_correction(joints.state), self.bulk.dissipation(joints)
+            return 0.0, 0.0, 0.0
+        return self.bulk.excess_energy(joints.state), *self.bulk.losses(joints)
 
     def norm(self, displacement: PETSc.Vec) -> float:
         """Return the 2-norm over the body's dofs, without water unknowns [m] (collective)."""

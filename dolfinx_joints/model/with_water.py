@@ -135,12 +135,12 @@ class BodyAndWater:
         ``loads`` are the body's loads by name. A `BaseMotion` also moves the water's boundaries.
 
         Raises:
-            JointsError: The body has plastic cells.
+            JointsError: The body has nonlinear cells.
         """
         if dry.bulk is not None:
             raise JointsError(
-                "Reservoir waves need a linear body, but this body has plastic cells. Use an added "
-                "mass instead."
+                "Reservoir waves need a linear body, but this body has nonlinear cells. Use an "
+                "added mass instead."
             )
         patterns = [(self.joined(vector), factor) for vector, factor in dry.patterns]
         names = list(dry.load_names)

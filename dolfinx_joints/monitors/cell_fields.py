@@ -12,7 +12,7 @@ import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
 
-from dolfinx_joints.body.plastic_cells import PlasticResponse
+from dolfinx_joints.body.nonlinear_cells import BodyResponse
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
@@ -20,11 +20,11 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.body_cells import CellOrder
 from dolfinx_joints.postprocessing.envelopes import principal_extremes
 
-_FROM_PLASTIC = [0, 1, 2, 5, 3, 4]  # Indices that sort the components of plastic cells as in VTK.
+_FROM_LAWS = [0, 1, 2, 5, 3, 4]  # Indices that sort the components of laws as in VTK.
 
 
 class CellFields:
-    """Stress, temperature change and plastic strain of each cell."""
+    """Stress, temperature change and internal variables of each cell."""
 
     def __init__(self, model: Model, cells: CellOrder) -> None:
         """Compile the expressions (collective)."""
@@ -63,7 +63,7 @@ class CellFields:
 
         Args:
             u: Displacement [m].
-            joints: Response of the joints and of plastic cells.
+            joints: Response of the joints and of nonlinear cells.
             time: Time at which temperatures are evaluated [s].
             loads: Indices in ``Model.loads`` of the acting loads; all by default.
             absent: Cell groups of absent blocks, in which stresses and temperatures are zero.
@@ -79,26 +79,24 @@ class CellFields:
         if self._change:
             changes = [f * part for f, (_, _, part) in zip(factors, self._change, strict=True)]
             values["temperature change [K]"] = self._cells.dealt(present * np.sum(changes, axis=0))
-        if isinstance(joints, PlasticResponse) and self._model.bulk is not None:
-            strains = np.zeros(self._cells.owned)
-            cells, means = self._model.bulk.cell_means(joints.state.bulk.accumulated[:, None])
-            strains[cells] = means[:, 0]
-            values["accumulated plastic strain [-]"] = self._cells.dealt(strains)
+        if isinstance(joints, BodyResponse) and self._model.bulk is not None:
+            for name in self._model.bulk.variables:
+                means = self._model.bulk.variable(name, joints.state).x.array
+                values[name] = self._cells.dealt(means[: self._cells.owned])
         largest, smallest = principal_extremes(values["stress [Pa]"])
         values["largest principal stress [Pa]"] = largest
         values["smallest principal stress [Pa]"] = smallest
         return values
 
     def _stresses(self, u: PETSc.Vec, joints: Response | None, factors: Sequence[float]) -> Floats:
-        """Return stresses (xx, yy, zz, xy, yz, xz) at cell centres; means in plastic cells."""
+        """Return stresses (xx, yy, zz, xy, yz, xz) at cell centres; means in nonlinear cells."""
         self._u.x.array[: u.getLocalSize()] = u.getArray(readonly=True)
         self._u.x.scatter_forward()
         values = self._stress.eval(self._model.jointed.mesh, self._all)
         stress = np.asarray(values).reshape(len(self._all), 6).copy()
         for factor, thermal in zip(factors, self._thermal, strict=True):
             stress[:, : self._model.body.strained_axes] -= factor * thermal[:, None]
-        if isinstance(joints, PlasticResponse) and self._model.bulk is not None:
-            bulk = self._model.bulk
-            cells, means = bulk.cell_means(bulk.stress(joints.state))
-            stress[cells] = means[:, _FROM_PLASTIC]
+        if isinstance(joints, BodyResponse) and self._model.bulk is not None:
+            cells, means = self._model.bulk.cell_means(joints.state.bulk.stress)
+            stress[cells] = means[:, _FROM_LAWS]
         return stress

@@ -59,8 +59,8 @@ class FieldMonitor(Monitor):
     ``NAME.vtkhdf`` contains the cells of the body as Lagrange cells of the same degree as the
     displacement. The values are ``displacement [m]``, ``stress [Pa]`` (xx, yy, zz, xy, yz, xz), and
     the largest and smallest principal stress. The stress of an elastic cell is the value at its
-    centre, the stress of a plastic cell the mean over the cell. Depending on the model there are
-    also ``temperature change [K]`` and ``accumulated plastic strain [-]``.
+    centre, the stress of a nonlinear cell the mean over the cell. Depending on the model there are
+    also ``temperature change [K]`` and the scalar internal variables of materials by name.
 
     ``NAME_joints.vtkhdf`` contains the joints as in `export.write_vtk`. ``NAME_reservoir.vtkhdf``
     contains the cells of a reservoir with waves; the ``hydrodynamic pressure [Pa]`` excludes the

@@ -327,8 +327,8 @@ def check_has_envelopes(model: Model) -> None:
     """Raise ValueError if stress envelopes cannot be recorded for the model."""
     if model.bulk is not None:
         raise ValueError(
-            "Stress envelopes need an elastic body: stresses in plastic cells also depend on "
-            "plastic strains."
+            "Stress envelopes need an elastic body: stresses in nonlinear cells also depend on "
+            "internal variables."
         )
 
 

@@ -56,7 +56,9 @@ class StageEnergy:
         strain: Elastic energy of the bulk and of springs.
         loads: Work of each load.
         supports: Work of supports and prescribed displacements.
-        plastic: Plastic work of the bulk.
+        plastic: Plastic work and other losses of the bulk.
+        bulk_numerical: Loss of a reversible nonlinear bulk because paths are straight within load
+            increments; zero in files of earlier versions.
         joints: Energies of each joint by name: ``elastic``; ``friction``, work against friction;
             ``numerical``, loss because paths are straight within load increments, negative for a
             gain; ``bonds``, loss at broken bonds; ``released`` in load increments, including
@@ -72,6 +74,7 @@ class StageEnergy:
     loads: dict[str, float]
     supports: float
     plastic: float
+    bulk_numerical: float
     joints: dict[str, dict[str, float]]
     water_released: float
     error: float
@@ -196,7 +199,7 @@ def _energies(results: Results, count: int) -> Sequence[StageEnergy | None]:
     plain, of_joint = rows_below("statics", "energy/"), rows_below("statics", "energy/joints/*/")
     return [
         StageEnergy(
-            **{row.key: columns[row.name][i] for row in plain},
+            **{row.key: columns[row.name][i] if row.name in columns else 0.0 for row in plain},
             loads={load: columns[start + load][i] for load in loads},
             joints={
                 joint: {r.key: columns[r.name.replace("*", joint)][i] for r in of_joint}

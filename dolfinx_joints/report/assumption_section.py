@@ -22,6 +22,8 @@ _MATERIALS = {
     "Elastic": "is linear elastic and isotropic: it does not crack or yield",
     "Orthotropic": "is linear elastic with three planes of symmetry: it does not crack or yield",
     "DruckerPrager": "is elastic and perfectly plastic with the limit of Drucker and Prager",
+    "UflMaterial": "follows a user-defined law of the strain in UFL",
+    "NumpyMaterial": "follows a user-defined law of the strain in NumPy",
 }
 _LAWS = {
     "FrictionNoTension": "transmit pressure elastically, shear up to Coulomb's limit, no tension",

@@ -2,14 +2,16 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Checkpoints of dynamic stages, and restart from them.
 
-Nodal vectors are stored in the node order of the input mesh, and joint arrays in the global order
-of the points. The number of ranks may therefore change at a restart.
+Nodal vectors are stored in the node order of the input mesh, arrays of nonlinear cells in its cell
+order, and joint arrays in the global order of the points. The number of ranks may therefore change
+at a restart.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, fields, is_dataclass
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from types import UnionType
@@ -24,9 +26,10 @@ from dolfinx_joints.common.arrays import Dealt
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import CheckpointError, OtherRunError, warn
 from dolfinx_joints.common.files import FileLock
-from dolfinx_joints.common.mpi import handing_out, on_root, raised_together
+from dolfinx_joints.common.mpi import dealt, handing_out, on_root, raised_together, rows_at
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.loads.load import Load
+from dolfinx_joints.materials.bulk_law import BulkState
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
@@ -130,15 +133,20 @@ class CheckpointKeeper:
         times: NDArray[np.float64],
     ) -> None:
         """Compute the fingerprint of the run (collective)."""
-        if model.bulk is not None:
-            raise CheckpointError(
-                "Checkpoints do not store plastic cells; omit checkpoint= in this run."
-            )
         self._path, self._every = checkpoints.file, checkpoints.every
         self._model, self._comm = model, model.jointed.mesh.comm
         from dolfinx_joints.simulation.fingerprint import fingerprint
 
         self._nodes = NodeNumbering(model.V)
+        # Types of states with nonlinear cells, and types with one row per point of these cells.
+        self._kinds: dict[type, type] = {}
+        self._by_point: tuple[type, ...] = ()
+        if model.bulk is not None:
+            from dolfinx_joints.body.nonlinear_cells import BodyResponse, BodyState, CellResponse
+
+            self._kinds = {Response: BodyResponse, JointState: BodyState}
+            self._by_point = (BulkState, CellResponse)
+            self._points = model.bulk.operator.numbers()
         facts = fingerprint(model, system, self._nodes, settings, loads, times)
         self._facts, self._unknown = facts
 
@@ -223,6 +231,10 @@ class CheckpointKeeper:
             return Dealt(self._comm, self._nodes.dealt(value)[:, : self._model.gdim])
         if isinstance(value, np.ndarray):
             return Dealt(self._comm, value)
+        if isinstance(value, self._by_point):
+            to_blocks = partial(dealt, self._comm, sum(self._comm.allgather(len(self._points))))
+            parts = vars(value).items()
+            return {n: Dealt(self._comm, to_blocks(self._points, rows)) for n, rows in parts}
         if isinstance(value, DynamicState | Response | JointState | StaticState | StageRecord):
             return {f.name: self._tree(getattr(value, f.name)) for f in fields(value)}
         if is_dataclass(value) and not isinstance(value, type):
@@ -242,6 +254,9 @@ class CheckpointKeeper:
             return self._restore(types[0], tree)
         if kind is PETSc.Vec:
             return self._vector(tree)
+        if kind in self._by_point:
+            return kind(**{n: rows_at(self._comm, r, self._points) for n, r in tree.items()})
+        kind = self._kinds.get(kind, kind)
         if is_dataclass(kind):
             hints = get_type_hints(kind)
             parts = {f.name: self._restore(hints[f.name], tree[f.name]) for f in fields(kind)}

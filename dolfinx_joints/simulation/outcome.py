@@ -56,6 +56,7 @@ class StaticState(Summarised):
         missing: Names, as in the energy ledger, of loads of the model that did not act.
         cuts: Number of times that a load increment was halved.
         jumps: Jumps of the stage that ``allow_jumps`` accepted.
+        time: Time of the last loads that varied in time [s], the start of the next.
         load_factor: Factor of the controlled loads, None except after `controlled_statics`.
         controlled: Value of the controlled quantity [m], None except after `controlled_statics`.
     """
@@ -71,6 +72,7 @@ class StaticState(Summarised):
     missing: tuple[str, ...] = ()
     cuts: int = 0
     jumps: list[Jump] = field(default_factory=list)
+    time: float = 0.0
     load_factor: float | None = None
     controlled: float | None = None
 
@@ -167,10 +169,10 @@ def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) 
 
 
 def _solver(outcome: Outcome, model: Model) -> str:
-    """Return the name of the solver, with plastic cells and laws that use backward Euler."""
+    """Return the name of the solver, with nonlinear cells and laws that use backward Euler."""
     text = f"{outcome.solver} solver"
     if model.bulk is not None:
-        text += f" (plastic cells of {', '.join(model.bulk.kinds)})"
+        text += f" (nonlinear cells of {', '.join(model.bulk.kinds)})"
     if outcome.backward_euler_laws:
         text += f", backward Euler in {', '.join(outcome.backward_euler_laws)}"
     return text

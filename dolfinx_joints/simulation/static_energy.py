@@ -16,7 +16,7 @@ class StaticEnergy:
     """Energies after static stages, all in [J]; works and losses count from the unloaded body.
 
     Attributes:
-        strain: Strain energy u.K u / 2 of bulk and springs; elastic strains only in plastic cells.
+        strain: Strain energy u.K u / 2 of bulk and springs, in nonlinear cells that of their law.
         joint_elastic: Elastic energy of each joint, shape (number of joints,).
         input_by_load: Work of each load by name. ``grout`` is grout under pressure, and
             ``construction`` are residual forces of earlier stages in inactive joints and absent
@@ -27,7 +27,8 @@ class StaticEnergy:
             formulas of the law, positive for a loss, shape (number of joints,).
         joint_bonds: Energy lost in each joint at points whose bonds broke, including the motion
             after the break, shape (number of joints,).
-        plastic: Plastic work of the bulk.
+        plastic: Plastic work and other losses of nonlinear cells.
+        bulk_numerical: Integration error of the work of reversible nonlinear cells.
         joint_released: Energy released in each joint by jumps (31b), shape (number of joints,); a
             part of friction and numerical loss.
         water_released: Energy released in increments in which joint points become wet or dry.
@@ -43,6 +44,7 @@ class StaticEnergy:
     joint_numerical: Floats
     joint_bonds: Floats
     plastic: float = 0.0
+    bulk_numerical: float = 0.0
     joint_released: Floats
     water_released: float = 0.0
     error: float = 0.0

@@ -43,7 +43,7 @@ def make_solver(
         system: The system.
         options: Tolerances and limits.
         kind: ``condensed``, ``monolithic``, ``forms`` or ``auto``. ``auto`` selects the condensed
-            solver. It selects the monolithic one for plastic cells, and for an iteratively solved
+            solver. It selects the monolithic one for nonlinear cells, and for an iteratively solved
             bulk unless joints are much stiffer than its elements (`STIFF_AT_NODES`). The reference
             ``forms`` is the monolithic solver with joints assembled by interior-facet integrals. If
             the shortest static increment does not converge, other starts are tried; ``auto`` also
@@ -129,9 +129,9 @@ def _first_solver(
     if system.bulk is not None and (kind == "condensed" or rigid):
         which = "" if kind == "condensed" else ", which rigid joints need,"
         raise JointsError(
-            f"The condensed solver{which} supports linear bodies only. The body has plastic cells "
-            f"({', '.join(system.bulk.kinds)}), which need joint laws with finite stiffness and "
-            'solver="auto" or "monolithic".'
+            f"The condensed solver{which} supports linear bodies only. The body has nonlinear "
+            f"cells ({', '.join(system.bulk.kinds)}), which need joint laws with finite "
+            'stiffness and solver="auto" or "monolithic".'
         )
     if kind == "forms" and contact is not None:
         if system.coupled is not None:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Monolithic reference solver of a step: Newton's method on A x + B^T (w t(g + B x)) = b (13).
 
-Plastic cells add forces in the same way (`plastic_bulk`).
+Nonlinear cells add forces in the same way (`body.nonlinear_cells`).
 
 x is the change of the displacement in the step, g the gap at the start of the step, t the traction,
 w the areas of the joint points, and A = m M + c C + k K. The same code solves statics (k = 1) and
@@ -261,7 +261,7 @@ class _Displacement(BodyProblem[BodyIterate]):
         sizes = [unbalanced.norm(), self.force.norm(), self.b.norm()]
         unbalanced.axpy(1.0, self.force)
         if self._yields:
-            # In yielding cells K x and the plastic force grow without bound; their sum does not.
+            # In yielding cells K x and the excess force grow without bound; their sum does not.
             sizes[:2] = [unbalanced.norm()]
         unbalanced.axpy(-1.0, self.b)
         unbalanced.pointwiseMult(unbalanced, self.free)

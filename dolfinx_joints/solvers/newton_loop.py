@@ -66,7 +66,7 @@ def newton(
     Args:
         problem: The equations.
         options: Limits of iterations and halvings.
-        leaps: True if full corrections may increase the residual. With plastic cells they diverge
+        leaps: True if full corrections may increase the residual. With nonlinear cells they diverge
             beyond the limit load, until the residual is small compared with K x.
 
     Raises:

@@ -25,7 +25,7 @@ class PseudoTime(SolverAround):
 
     Near the limit load of the joints, and where rigid joints open, Newton's method may cycle
     between sets of open and sliding points. Inertia limits how many points change at a time. On a
-    mechanism the inertia never vanishes, and the solve fails. Plastic cells are not supported: in
+    mechanism the inertia never vanishes, and the solve fails. Nonlinear cells are not supported: in
     yielding cells K x grows without bound, and all other forces become negligible.
 
     Args:

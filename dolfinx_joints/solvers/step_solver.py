@@ -84,7 +84,7 @@ class StepEquation(NamedTuple):
         b: Right-hand side [N].
         x: Change of the displacement [m]: start of the iteration, then the solution; constrained
             dofs contain their prescribed values.
-        state: Joint state at the start of the step, None without joints and plastic cells.
+        state: Joint state at the start of the step, None without joints and nonlinear cells.
         rule: Rule by which the laws are evaluated.
     """
 
@@ -95,7 +95,7 @@ class StepEquation(NamedTuple):
     rule: Rule = BACKWARD_EULER
 
 
-# The response of the joints, None without joints and plastic cells, and the report of the solve.
+# The response of the joints, None without joints and nonlinear cells, and the report of the solve.
 Solution = tuple[Response | None, SolveReport]
 
 

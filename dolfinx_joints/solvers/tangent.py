@@ -29,8 +29,8 @@ class Tangent:
 
     Args:
         matrix: A.
-        product: Assembles B^T (w D) B, D = dt/dg, plus the tangent of plastic cells; None without
-            joints and plastic cells.
+        product: Assembles B^T (w D) B, D = dt/dg, plus the tangent of nonlinear cells; None without
+            joints and nonlinear cells.
         options: PETSc options of the LU solver, without prefix.
 
     Attributes:

@@ -25,7 +25,7 @@ class EnergyRow:
 
     Attributes:
         kinetic: Kinetic energy v.M v / 2.
-        strain: Strain energy u.K u / 2 of bulk and springs; elastic strains only in plastic cells.
+        strain: Strain energy u.K u / 2 of bulk and springs, in nonlinear cells that of their law.
         joint_elastic: Elastic energy of each joint, shape (number of joints,).
         input: Work of loads and of moving supports.
         input_by_load: Work of each load by name.
@@ -40,7 +40,9 @@ class EnergyRow:
             and losses less the work of the body on the joint, shape (number of joints,).
         error: Equation (31): stored - stored at start - input + viscous + friction + plastic +
             impact.
-        plastic: Plastic work of the bulk.
+        plastic: Plastic work and other losses of nonlinear cells.
+        bulk_numerical: Energy lost by the time scheme in reversible nonlinear cells; zero in the
+            energy-consistent scheme.
         absorbed: Part of ``viscous`` absorbed by viscous boundaries and boundaries of the water.
         impact: Energy lost by joint points that close without rebound.
         fracture: Part of ``friction`` from cohesive bonds: fracture energy times the area broken.
@@ -58,6 +60,7 @@ class EnergyRow:
     joint_imbalance: Floats
     error: float = 0.0
     plastic: float = 0.0
+    bulk_numerical: float = 0.0
     absorbed: float = 0.0
     impact: float = 0.0
     fracture: float = 0.0
@@ -75,8 +78,8 @@ class EnergyRow:
 
     @cached_property
     def numerical(self) -> float:
-        """Numerical loss of all joints."""
-        return float(self.joint_numerical.sum())
+        """Numerical loss of all joints and of the bulk."""
+        return float(self.joint_numerical.sum()) + self.bulk_numerical
 
     @cached_property
     def stored(self) -> float:
@@ -140,7 +143,8 @@ class EnergyLedger:
         input_work = last.input + sum(work.loads.values()) + work.supports
         viscous = last.viscous + (work.viscous + work.absorbed)
         friction = last.joint_friction + joints.friction
-        plastic = last.plastic + self._system.plastic_terms(state.joints)[1]
+        _, dissipated, numerical = self._system.bulk_terms(state.joints)
+        plastic = last.plastic + dissipated
         kinetic, strain, water = self._energies(state)
         stored = kinetic + strain + float(elastic.sum()) + water
         impact = last.impact + float(joints.impact.sum())
@@ -161,6 +165,7 @@ class EnergyLedger:
             joint_imbalance=last.joint_imbalance + change - joints.total,
             error=missing if np.isfinite(missing) else float("inf"),
             plastic=plastic,
+            bulk_numerical=last.bulk_numerical + numerical,
             absorbed=last.absorbed + work.absorbed,
             impact=impact,
             fracture=self._fracture(state) - self._fractured,
@@ -212,7 +217,7 @@ class EnergyLedger:
     def _energies(self, state: DynamicState) -> tuple[float, float, float]:
         """Return kinetic and strain energy of the body, and the energy of the water."""
         kinetic, coupled = state.kinetic_energy, self._system.coupled
-        strain = state.strain_energy + self._system.plastic_terms(state.joints)[0]
+        strain = state.strain_energy + self._system.bulk_terms(state.joints)[0]
         if coupled is None:
             return kinetic, strain, 0.0
         of_pressure = coupled.energy(state.velocity, state.momentum)

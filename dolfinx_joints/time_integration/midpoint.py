@@ -69,8 +69,8 @@ class _Midpoint:
         """Compute one step; see `Scheme.advance` (collective)."""
         if solver.system.bulk is not None and self.rule != DISCRETE_GRADIENT:
             raise ValueError(
-                f"{type(self).__name__} does not support plastic cells: it evaluates joint laws at "
-                "the end of a step, but the body at mid-step. Use EnergyConsistent."
+                f"{type(self).__name__} does not support nonlinear cells: it evaluates joint laws "
+                "at the end of a step, but the body at mid-step. Use EnergyConsistent."
             )
         rule = self.rule.over(dt)
         end = state.time + dt if end is None else end

@@ -28,7 +28,7 @@ class DynamicState(Summarised):
             midpoint schemes they are means over the last step.
         momentum: M v [N s].
         elastic_force: K u [N].
-        joints: Response of the joints and of plastic cells, None if the model has neither.
+        joints: Response of the joints and of nonlinear cells, None if the model has neither.
         remainder: Rounding residual of the last step at the unconstrained dofs, None at the start
             [N]. The next step subtracts this residual, so that residuals do not accumulate.
         water: State of the water in ``load`` at the local joint points (`Wetness`), shape (n,),
@@ -64,7 +64,7 @@ class DynamicState(Summarised):
 
     @property
     def strain_energy(self) -> float:
-        """u.K u / 2 of bulk and springs, without the effect of plastic strains [J] (collective)."""
+        """u.K u / 2 of bulk and springs, elastic also in nonlinear cells [J] (collective)."""
         return 0.5 * float(self.displacement.dot(self.elastic_force))
 
 

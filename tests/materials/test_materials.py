@@ -235,5 +235,7 @@ def test_inclined_axes_are_refused_in_a_plane_body(comm):
 
 def test_what_is_no_material_is_refused(comm):
     for wrong in (3.0, None, {"low": CONCRETE, "high": "rock"}):
-        with pytest.raises(ValueError, match="it must be an Elastic, an Orthotropic or a plastic"):
+        with pytest.raises(
+            ValueError, match="it must be an Elastic, an Orthotropic or a nonlinear"
+        ):
             body(comm, "triangle", wrong)

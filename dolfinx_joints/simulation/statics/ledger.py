@@ -98,6 +98,7 @@ class StaticLedger:
         works = _works(increment)
         supports = [float(r.dot(x)) for r in (increment.reaction, increment.products.reaction)]
         forces = np.sum([*works.values(), supports], axis=0)
+        _, dissipated, bulk_numerical = self._system.bulk_terms(increment.after)
         jump, losses = self._zeros, float(np.abs([friction, numerical]).sum())
         if losses > LEAST_LOSS * self.energy.stored:
             jump = self._released_energy(increment, *forces)
@@ -110,12 +111,13 @@ class StaticLedger:
             joint_friction=last.joint_friction + friction,
             joint_numerical=last.joint_numerical + numerical,
             joint_bonds=last.joint_bonds + broken,
-            plastic=last.plastic + self._system.plastic_terms(increment.after)[1],
+            plastic=last.plastic + dissipated,
+            bulk_numerical=last.bulk_numerical + bulk_numerical,
             joint_released=last.joint_released + jump * (not increment.water_moved),
             water_released=last.water_released + float(jump.sum()) * increment.water_moved,
         )
         joints = energy.joint_friction + energy.joint_numerical + energy.joint_bonds
-        losses = float(joints.sum()) + energy.plastic
+        losses = float(joints.sum()) + energy.plastic + energy.bulk_numerical
         sizes = (last.scale, energy.stored, abs(energy.input), abs(losses))
         return replace(energy, error=energy.stored + losses - energy.input, scale=max(sizes))
 
@@ -165,7 +167,7 @@ class StaticLedger:
         u, x, force = increment.displacement, increment.change, increment.elastic_force
         stiffness = increment.products.stiffness
         energy = 0.5 * float(u.dot(force)) + float(x.dot(force)) + 0.5 * float(x.dot(stiffness))
-        return energy + self._system.plastic_terms(increment.after)[0]
+        return energy + self._system.bulk_terms(increment.after)[0]
 
     def _joint_energy(self, joints: Response | None) -> Floats:
         """Return the elastic energy of each joint, shape (number of joints,), [J] (collective)."""

@@ -26,6 +26,7 @@ class Increment:
         shortest: True if the increment cannot be halved.
         step: Number of the load step, from 1.
         start: Load factor at the start of the increment.
+        elapsed: Time from the start of the increment to its end [s], zero in a ramp.
     """
 
     time: float | None
@@ -34,6 +35,7 @@ class Increment:
     shortest: bool
     step: int
     start: float
+    elapsed: float = 0.0
 
     def locate(self, failure: ConvergenceError, remedy: str | None) -> ConvergenceError:
         """Return a failure with the position of the increment and a possible remedy."""
@@ -47,21 +49,23 @@ class LoadIncrements:
     An increment is a step divided by 2^k, k up to 6. The length doubles again after two increments
     of equal length. Loads vary linearly over a step, whatever its increments. The path contains
     time [s] and load factor of each step; the time is None for a ramp at time zero, which begins at
-    the factor ``start``. With a controlled quantity, its values replace the factors. The attribute
-    ``cuts`` is the number of halved increments.
+    the factor ``start``. With a controlled quantity, its values replace the factors. The path
+    starts at ``time`` [s]. The attribute ``cuts`` is the number of halved increments.
     """
 
-    def __init__(self, path: Sequence[tuple[float | None, float]], start: float = 0.0) -> None:
+    def __init__(
+        self, path: Sequence[tuple[float | None, float]], start: float = 0.0, time: float = 0.0
+    ) -> None:
         """Start with whole steps."""
         self._path, self._level, self._repeats, self.cuts = path, 0, False, 0
-        self._step, self._reached = 0, start
+        self._step, self._reached, self._before = 0, start, time
 
     def __iter__(self) -> Iterator[Increment]:
         """Yield the increments; after a `cut`, a shorter increment from the same start."""
         for time, share in self._path:
             self._step += 1
             start = self._reached if time is None else 0.0
-            done = 0
+            done, length = 0, 0.0 if time is None else time - self._before
             while done < FINEST:
                 current = start + (share - start) * done / FINEST
                 end = done + (FINEST >> self._level)
@@ -74,6 +78,7 @@ class LoadIncrements:
                     shortest=FINEST >> self._level == 1,
                     step=self._step,
                     start=current,
+                    elapsed=length * (end - done) / FINEST,
                 )
                 if self._repeats:
                     self._repeats = False
@@ -81,6 +86,7 @@ class LoadIncrements:
                 done, self._reached = end, factor
                 if self._level and done % (FINEST >> (self._level - 1)) == 0:
                     self._level -= 1
+            self._before += length
 
     def cut(self) -> None:
         """Halve the increment: the next one starts from the same load factor."""

@@ -17,7 +17,7 @@ from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
-from dolfinx_joints.laws.law import Floats, Response
+from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, Response
 from dolfinx_joints.loads.load import Load, always, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
@@ -78,7 +78,10 @@ def march(
         system = _constrained(replace(system, contact=idle), before, stage.dofs)
     solver = make_solver(system, options, kind, static_steps=len(path))
     last = Equilibrium(system, solver, before, start, carried, constant=apart is not None)
-    increments, jumps = LoadIncrements(path), Jumps(last.ledger, model, allow_jumps)
+    increments, jumps = (
+        LoadIncrements(path, time=before.time),
+        Jumps(last.ledger, model, allow_jumps),
+    )
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
     for increment in solve_increments(last, increments, jumps, kind, watch):
         free_petsc_garbage(model.jointed.mesh.comm)
@@ -160,6 +163,7 @@ class Equilibrium:
         if system.water is not None and self.joints is not None:
             self.solver = JointWaterIteration(system.water, solver)
         self.reports: list[SolveReport] = []
+        self._time = before.time
         self._elastic_force = system.stiffness * self.displacement
         self._b, self._x = system.vector(), system.vector()
         self.loads = self._step_loads = carried
@@ -174,6 +178,7 @@ class Equilibrium:
             reaction=self.reaction,
             reports=list(self.reports),
             energy=self.ledger.energy,
+            time=self._time,
             **{"loads": self.loads, **facts},
         )
 
@@ -189,7 +194,8 @@ class Equilibrium:
         # shorter increment would fail as well.
         unloaded = self._unloaded and increment.whole and not self.reports
         prepare(self._without_water, increment.shortest or unloaded, self._start)
-        response, report = self.solver.solve(STATIC, self._b, x, self.joints)
+        rule = replace(BACKWARD_EULER, elapsed=increment.elapsed)
+        response, report = self.solver.solve(STATIC, self._b, x, self.joints, rule)
         products = self._products(response)
         moved = water is not None and bool(water.toggled(water.codes, water.entered).any())
         return SolvedIncrement(
@@ -230,7 +236,7 @@ class Equilibrium:
         self.reports.append(solved.report)
         if increment.time is not None and increment.whole:
             # The next step in time starts from these loads and support displacements.
-            self._step_loads = self.loads
+            self._step_loads, self._time = self.loads, increment.time
             self._supported = self.displacement.getArray()[self._system.constrained]
 
     def _set_up(self, increment: Increment) -> None:

@@ -40,10 +40,10 @@ def unloaded_state(model: Model) -> StaticState:
 
 
 def start_of_stage(system: MatrixSystem, before: StaticState) -> Response | None:
-    """Return the response of joints and plastic cells at the start of a stage (collective).
+    """Return the response of joints and nonlinear cells at the start of a stage (collective).
 
     This is the response at the end of the last stage, or of the unloaded body; None without joints
-    and plastic cells.
+    and nonlinear cells.
     """
     internal_forces = system.internal_forces
     if internal_forces is None or before.joints is not None:
@@ -66,11 +66,11 @@ def state_at_rest(model: Model, end: DynamicState) -> StaticState:
         # Midpoint schemes store mean tractions of the last step: evaluate the laws at its end.
         joints = forces.respond(system.vector(), joints.state, BACKWARD_EULER)
     u = end.displacement  # end.strain_energy has the errors of the solver
-    strain = 0.5 * float(u.dot(system.stiffness * u)) + system.plastic_terms(joints)[0]
+    strain = 0.5 * float(u.dot(system.stiffness * u)) + system.bulk_terms(joints)[0]
     energy = replace(start.energy, strain=strain, input_by_load={CONSTRUCTION: strain})
     solved = [SolveReport(iterations=0, factorizations=0)]  # the body is not unloaded
     facts = {"joints": joints, "energy": energy, "reaction": end.reaction, "reports": solved}
-    return replace(start, displacement=u, **facts)
+    return replace(start, displacement=u, time=end.time, **facts)
 
 
 def check_fits(model: Model, start: StaticState) -> None:
@@ -81,6 +81,9 @@ def check_fits(model: Model, start: StaticState) -> None:
             f"{unfinished[0]} does not act in the given state; all joints and blocks must act."
         )
     fits = start.displacement.getSizes() == model.stiffness.createVecRight().getSizes()
+    if model.bulk is not None and joints is not None:
+        stored = getattr(joints.state, "bulk", None)
+        fits &= stored is not None and stored.internal.shape == model.bulk.initial.shape
     if contact is not None and joints is not None:
         needed = contact.resting(contact.initial_gap)
         fits &= len(joints.state.gap) == len(needed.gap)

@@ -195,10 +195,10 @@ def check_grouted(static: StaticState | None, inactive: Sequence[str] = ()) -> N
 
 
 def check_elastic(model: Model) -> None:
-    """Check that the body has no plastic cells, whose state stages of construction do not store."""
+    """Check that no cells are nonlinear: stages of construction do not store their state."""
     if model.bulk is not None:
         raise JointsError(
-            "A body with plastic cells cannot have inactive or grouted joints, or absent blocks."
+            "A body with nonlinear cells cannot have inactive or grouted joints, or absent blocks."
         )
 
 

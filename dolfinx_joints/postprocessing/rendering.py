@@ -169,7 +169,8 @@ class Scene:
         x_min, x_max, bottom, top = self.extent(camera)
         sides = (x_max - x_min, top - bottom)
         width, height = (max(2, round(side * pixels / max(sides))) for side in sides)
-        renderer, values = vtkRenderer(background=(1.0, 1.0, 1.0)), vtkUnsignedCharArray()
+        renderer = vtkRenderer(background=(1.0, 1.0, 1.0))
+        values: Any = vtkUnsignedCharArray()  # its type hints lack the buffer protocol
         vtkLightKit().AddLightsToRenderer(renderer)
         for data, style in self.layers:
             raised = _RAISED * max(sides) * camera.towards if data.n_lines else (0.0, 0.0, 0.0)

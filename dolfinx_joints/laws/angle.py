@@ -37,7 +37,7 @@ def set_friction(law: Any) -> tuple[float, float]:
 
 def coefficient_of(law: Any) -> float:
     """Return the friction coefficient of a law after `set_friction`."""
-    return float(law.friction_coefficient)
+    return law.friction_coefficient
 
 
 def cosine_and_sine(angle_deg: float) -> tuple[float, float]:

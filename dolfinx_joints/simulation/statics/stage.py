@@ -21,6 +21,7 @@ from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.loads.load import Load, always, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.statics.construction import with_inactive
 from dolfinx_joints.simulation.statics.joint_water_iteration import JointWaterIteration
@@ -49,6 +50,7 @@ def march(
     apart: Floats | None = None,
     allow_jumps: bool = False,
     reached: Callable[[float, StaticState], None] | None = None,
+    monitors: Sequence[Monitor] = (),
 ) -> StaticState:
     """Return the equilibrium at the end of a path of load steps (collective).
 
@@ -80,8 +82,10 @@ def march(
     last = Equilibrium(system, solver, before, start, carried, constant=apart is not None)
     increments, jumps = LoadIncrements(path), Jumps(last.ledger, model, allow_jumps)
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
-    for increment in _solve_increments(last, increments, jumps, kind, watch):
+    for increment, solved in _solve_increments(last, increments, jumps, kind, watch):
         free_petsc_garbage(model.jointed.mesh.comm)
+        for monitor in monitors:
+            monitor.increment(last, solved, increment)
         progress.advance(int(increment.whole))
         if reached is not None and increment.whole:
             facts |= {"cuts": increments.cuts, "jumps": jumps.of_step(increment.step)}
@@ -104,7 +108,7 @@ def _solve_increments(
     jumps: Jumps,
     kind: SolverKind,
     watch: SmallDisplacements,
-) -> Iterator[Increment]:
+) -> Iterator[tuple[Increment, SolvedIncrement]]:
     """Solve increments, halve increments that fail, and yield accepted increments (collective)."""
     for increment in increments:
         try:
@@ -126,7 +130,7 @@ def _solve_increments(
         last.accept(solved, increment)
         if last.joints is not None:
             watch.record(last.joints.gap)
-        yield increment
+        yield increment, solved
 
 
 class Equilibrium:

@@ -1,0 +1,149 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Values of many joint points with their first derivatives (forward automatic differentiation)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.common.arrays import Flags, Floats
+
+
+class Branches(Exception):  # noqa: N818 - not an error, but a request to divide the points
+    """A condition is true for some points and false for others.
+
+    Attributes:
+        true: True for points that fulfil the condition, shape (n,).
+    """
+
+    def __init__(self, true: Flags) -> None:
+        """Store the flags."""
+        self.true = true
+
+
+class Dual:
+    """Value of a scalar at ``n`` points, and its derivatives by ``k`` inputs.
+
+    The functions of one point in `laws` accept dual numbers in place of numbers. If a condition is
+    not the same for all points, `Branches` is raised, and the caller divides the points.
+
+    Attributes:
+        value: Value at each point, shape (n,).
+        slope: Derivatives, shape (k, n).
+        path: Results of all conditions so far, shared by the numbers of one evaluation.
+    """
+
+    __slots__ = ("path", "slope", "value")
+
+    def __init__(self, value: Floats, slope: Floats, path: list[bool]) -> None:
+        """Store the arguments."""
+        self.value, self.slope, self.path = value, slope, path
+
+    def _of(self, value: Floats, slope: Floats) -> Dual:
+        return Dual(value, slope, self.path)
+
+    def __add__(self, other: Any) -> Any:
+        if isinstance(other, Dual):
+            return self._of(self.value + other.value, self.slope + other.slope)
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        return self._of(self.value + other, self.slope)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Dual:
+        return self._of(-self.value, -self.slope)
+
+    def __sub__(self, other: Any) -> Any:
+        if isinstance(other, Dual):
+            return self._of(self.value - other.value, self.slope - other.slope)
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        return self._of(self.value - other, self.slope)
+
+    def __rsub__(self, other: Any) -> Any:
+        return self._of(other - self.value, -self.slope)
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, Dual):
+            slope = self.slope * other.value + other.slope * self.value
+            return self._of(self.value * other.value, slope)
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        return self._of(self.value * other, self.slope * other)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        if isinstance(other, Dual):
+            inverse = 1.0 / other.value
+            value = self.value * inverse
+            return self._of(value, (self.slope - other.slope * value) * inverse)
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        return self._of(self.value / other, self.slope / other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        value = other / self.value
+        return self._of(value, self.slope * (-value / self.value))
+
+    def __pow__(self, power: int) -> Dual:
+        return self._of(self.value**power, power * self.value ** (power - 1) * self.slope)
+
+    def sqrt(self) -> Dual:
+        """Return the square root; its slope is zero where the value is zero."""
+        root = np.sqrt(self.value)
+        factor = np.divide(0.5, root, out=np.zeros_like(root), where=root > 0.0)
+        return self._of(root, self.slope * factor)
+
+    def __abs__(self) -> Dual:
+        return -self if self < 0.0 else self
+
+    def _decide(self, flags: Flags) -> bool:
+        """Return the result of a condition; raise `Branches` if it differs between points."""
+        first = bool(flags[0])
+        if (flags != first).any():
+            raise Branches(flags)
+        self.path.append(first)
+        return first
+
+    def __bool__(self) -> bool:
+        return self._decide(self.value != 0.0)
+
+    def __lt__(self, other: Any) -> bool:
+        return self._decide(self.value < _value(other))
+
+    def __le__(self, other: Any) -> bool:
+        return self._decide(self.value <= _value(other))
+
+    def __gt__(self, other: Any) -> bool:
+        return self._decide(self.value > _value(other))
+
+    def __ge__(self, other: Any) -> bool:
+        return self._decide(self.value >= _value(other))
+
+    def __eq__(self, other: object) -> bool:
+        return self._decide(self.value == _value(other))
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def _value(number: Any) -> Any:
+    return number.value if isinstance(number, Dual) else number
+
+
+def in_branches(count: int, evaluate: Callable[[Any], None]) -> None:
+    """Evaluate all points; divide them as long as conditions differ between points.
+
+    ``evaluate`` receives numbers of points, and raises `Branches` if a condition differs.
+    """
+    parts = [np.arange(count)] if count else []
+    while parts:
+        points = parts.pop()
+        try:
+            evaluate(points)
+        except Branches as branches:
+            parts += [points[branches.true], points[~branches.true]]

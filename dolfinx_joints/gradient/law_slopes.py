@@ -1,0 +1,130 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Derivatives of joint laws by gap, state and parameters, from the laws' own functions of a point.
+
+A step maps the gap g1 at its end, the state z0 at its start (gap, elastic slip, last slips) and the
+parameters p to the traction t and the history y1 (elastic slip, last slips). The function of a point is evaluated with dual
+numbers: no law has separate formulas for its derivatives. Points of all steps of a batch are
+evaluated together, divided by the branches that they take.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.common.arrays import Floats, Ints
+from dolfinx_joints.gradient.dual_numbers import Dual, in_branches
+from dolfinx_joints.laws.adhesive import AdhesiveJoint
+from dolfinx_joints.laws.friction import FrictionNoTension
+from dolfinx_joints.laws.law import JointState, Rule
+from dolfinx_joints.laws.points.return_mapping import empty_answer
+
+# Laws whose functions of a point accept dual numbers.
+SUPPORTED = (FrictionNoTension, AdhesiveJoint)
+
+# Columns of a recorded state, (gap, elastic slip, slips): widths and their ends.
+GAP, SLIP, SLIPS = slice(0, 3), slice(3, 5), slice(5, 10)
+
+# Not parameters: the angle follows from the coefficient.
+DERIVED = "friction_angle_deg"
+
+
+def parameters_of(law: Any) -> tuple[str, ...]:
+    """Return the names of the parameters of a law that are not zero."""
+    names = (field.name for field in fields(law) if field.name != DERIVED)
+    return tuple(name for name in names if getattr(law, name))
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Values and derivatives of a law at points of one or several steps.
+
+    Attributes:
+        answer: t and y1, shape (steps, columns, n).
+        by_gap: d (t, y1) / d g1, shape (steps, columns, 3, n).
+        by_state: d (t, y1) / d z0, shape (steps, columns, columns, n).
+        by_parameter: d (t, y1) / d p, shape (steps, columns, parameters, n).
+        path: Number that identifies the branches that a point takes, shape (steps, n).
+    """
+
+    answer: Floats
+    by_gap: Floats
+    by_state: Floats
+    by_parameter: Floats
+    path: Ints
+
+
+def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats, *, branches: bool) -> Slopes:
+    """Return the derivatives of a law in steps.
+
+    Args:
+        law: One of the `SUPPORTED` laws.
+        rule: Rule of the steps.
+        before: States at the start, shape (steps, n, 5 or 10).
+        gap: Gaps at the end, shape (steps, n, 3), [m].
+        branches: True to evaluate only ``answer`` and ``path``; the derivatives are then empty.
+    """
+    steps, count, columns = before.shape
+    names = parameters_of(law)
+    inputs = 0 if branches else 3 + columns + len(names)
+    values, path = np.zeros((columns, steps * count)), np.zeros(steps * count, dtype=np.int64)
+    slopes = np.zeros((columns, inputs, steps * count))
+    flat = np.hstack([gap.reshape(-1, 3), before.reshape(-1, columns)]).T
+
+    def evaluate(points: Ints) -> None:
+        trail: list[bool] = []
+        size = len(points)
+
+        def seeded(value: Floats, number: int) -> Dual:
+            slope = np.zeros((inputs, size))
+            if not branches:
+                slope[number] = 1.0
+            return Dual(value, slope, trail)
+
+        numbers = [seeded(flat[i, points], i) for i in range(3 + columns)]
+        variables = {
+            name: seeded(np.full(size, float(getattr(law, name))), 3 + columns + i)
+            for i, name in enumerate(names)
+        }
+        outputs = _answer(with_values(law, variables), rule, numbers)
+        for row, output in enumerate(outputs):
+            if isinstance(output, Dual):
+                values[row, points], slopes[row][:, points] = output.value, output.slope
+            else:
+                values[row, points] = output
+        path[points] = hash(tuple(trail))
+
+    in_branches(steps * count, evaluate)
+    slopes = slopes.reshape(columns, inputs, steps, count).transpose(2, 0, 1, 3)
+    ends = [3, 3 + columns] if not branches else [0, 0]
+    by_gap, by_state, by_parameter = np.split(slopes, ends, axis=2)
+    answer = values.reshape(columns, steps, count).transpose(1, 0, 2)
+    return Slopes(answer, by_gap, by_state, by_parameter, path.reshape(steps, count))
+
+
+def with_values(law: Any, values: Mapping[str, Any]) -> Any:
+    """Return a copy of a law with changed parameters, without checks."""
+    changed = copy(law)
+    for name, value in values.items():
+        object.__setattr__(changed, name, value)
+    return changed
+
+
+def _answer(law: Any, rule: Rule, numbers: Sequence[Dual]) -> list[Any]:
+    """Return t and y1 of one point, from g1 and z0."""
+    row = np.array(numbers, dtype=object)[None]
+    gap, before = row[:, :3], row[:, 3:]
+    history = {} if before.shape[1] == SLIP.stop else {"slips": before[:, SLIPS]}
+    state = JointState(gap=before[:, GAP], elastic_slip=before[:, SLIP], **history)
+    start = law.loop_start(rule, state)
+    answer = empty_answer(gap, start.history)
+    law.points[rule.name](0, start, answer)
+    response = law.loop_response(rule, answer, state)
+    after = response.state
+    slips = after.slips[0] if history else ()
+    return [*response.traction[0], *after.elastic_slip[0], *slips]

@@ -1,0 +1,318 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Reverse sweep over recorded steps: adjoint equations (51) to (55) of docs/theory/gradients.md."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_joints.common.arrays import Floats
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.mpi import of_ranks, summed
+from dolfinx_joints.common.summary import Rows, Summarised, names
+from dolfinx_joints.gradient.law_slopes import Slopes, parameters_of, slopes_of
+from dolfinx_joints.gradient.tape import Quantity, Step, Tape
+from dolfinx_joints.gradient.transposed_step import TransposedStep
+from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
+from dolfinx_joints.solvers.effective_matrix import STATIC, MatrixCoefficients
+from dolfinx_joints.time_integration.initial_state import balancing_acceleration
+from dolfinx_joints.time_integration.joints_before import rescaled_slips
+from dolfinx_joints.time_integration.newmark import Newmark
+
+# Points of all steps that are linearised together: their arrays fit into a processor cache.
+BATCH_POINTS = 4096
+
+# Largest difference between a recorded elastic slip and the law's, relative to the largest slip.
+REPLAYED = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Gradient(Summarised):
+    """Derivatives of a quantity.
+
+    The parameters are the law's parameters that are not zero, and ``initial_gap``.
+
+    Attributes:
+        value: The quantity.
+        by_point: Derivatives by the parameters at the local joint points, shape (n,), by parameter.
+        by_joint: Their sums: derivatives by the parameters of whole joints, by parameter and joint.
+        by_load: Derivatives by a factor of each load, or of the motion, by name.
+    """
+
+    value: float
+    by_point: Mapping[str, Floats]
+    by_joint: Mapping[str, Mapping[str, float]]
+    by_load: Mapping[str, float]
+
+    def _summary(self) -> Rows:
+        yield "quantity", f"{self.value:.6g}"
+        yield "parameters of points", names(list(self.by_point))
+        yield "loads", names(list(self.by_load))
+
+
+class Linearised:
+    """Laws of consecutive steps with one rule, linearised at all local points.
+
+    Args:
+        tape: The recorded run.
+        first: Number of the first step.
+        stop: Number of the last step plus one.
+        branches: True to evaluate only the branches that the points take.
+    """
+
+    def __init__(self, tape: Tape, first: int, stop: int, *, branches: bool = False) -> None:
+        """Evaluate the laws and compare their history with the recorded one."""
+        self.first, self.parts = first, []
+        rule = rule_of(tape.steps[first])
+        before = np.array([_start_state(tape, k) for k in range(first, stop)])
+        after = np.array([_padded(tape, k, k + 1) for k in range(first, stop)])
+        for part in tape.contact.parts:
+            points = part.points
+            args = part.law, rule, before[:, points], after[:, points, :3]
+            slopes = slopes_of(*args, branches=branches)
+            self.parts.append((part.law, points, slopes))
+            error = slopes.answer[:, 3:5] - after[:, points, 3:5].transpose(0, 2, 1)
+            size = np.abs(after[:, points, 1:5]).max(initial=0.0)
+            self.replayed = not np.abs(error).max(initial=0.0) > REPLAYED * size
+
+
+class ReverseSweep:
+    """One reverse sweep for one quantity; the attributes ending in ``_bar`` are derivatives of it.
+
+    Args:
+        tape: The recorded run.
+        quantity: The quantity.
+    """
+
+    def __init__(self, tape: Tape, quantity: Quantity) -> None:
+        """Evaluate the quantity and its derivative by the observed values (collective)."""
+        self._tape, self._operator = tape, tape.contact.operator
+        history = tape.history()
+        self._value = float(quantity.value(history))
+        self._weights = _checked(quantity.derivative(history), history.values)
+        system = tape.steps[-1].solver.system
+        self._u_bar, self._v_bar, self._a_bar = (system.vector() for _ in range(3))
+        columns = max(state.shape[1] for state in tape.states)
+        self._joint_bar = np.zeros((len(self._operator.areas), columns))
+        count = len(self._operator.areas)
+        known = {n: None for part in tape.contact.parts for n in parameters_of(part.law)}
+        self._parameters = {name: np.zeros(count) for name in known}
+        self._by_load: dict[str, float] = {}
+        self._transposed: dict[int, TransposedStep] = {}
+
+    def run(self) -> Gradient:
+        """Return the gradient (collective)."""
+        tape = self._tape
+        batch: Linearised | None = None
+        for k in reversed(range(len(tape.steps))):
+            if batch is None or k < batch.first:
+                batch = self._linearised(k)
+            self._reverse(k, batch)
+            if self._is_first_time_step(k):
+                self._leave_dynamics(tape.steps[k])
+        by_point = self._parameters | {"initial_gap": self._joint_bar[:, 0].copy()}
+        joints, comm = self._operator.names, self._operator.comm
+        number = self._operator.joint
+        rows = [np.bincount(number, v, len(joints)) for v in by_point.values()]
+        sums = summed(comm, np.array(rows))
+        by_joint = {
+            name: dict(zip(joints, row.tolist(), strict=True))
+            for name, row in zip(by_point, sums, strict=True)
+        }
+        return Gradient(
+            value=self._value, by_point=by_point, by_joint=by_joint, by_load=self._by_load
+        )
+
+    def _linearised(self, last: int) -> Linearised:
+        """Return the linearised laws of a batch of steps that ends with step ``last``."""
+        steps, count = self._tape.steps, max(len(self._operator.areas), 1)
+        first, rule = last, rule_of(steps[last]).name
+        while (
+            first > 0
+            and (last + 1 - first) * count < BATCH_POINTS
+            and rule_of(steps[first - 1]).name == rule
+        ):
+            first -= 1
+        batch = Linearised(self._tape, first, last + 1)
+        if not all(self._operator.comm.allgather(batch.replayed)):
+            raise JointsError(
+                f"A step up to t = {steps[last].times[1]:.6g} s is not one step of the joint laws, "
+                "because another solver completed it; gradients do not include this case."
+            )
+        return batch
+
+    def _reverse(self, k: int, batch: Linearised) -> None:
+        """Pass the derivatives by the state after step ``k`` to the state before (collective)."""
+        step, joint_bar = self._tape.steps[k], self._joint_bar
+        self._add_weights(k)
+        columns = 5 if rule_of(step) == BACKWARD_EULER else 10
+        gap_bar, history_bar = joint_bar[:, :3].copy(), joint_bar[:, 3:columns].T
+        tangent = np.zeros((len(gap_bar), 3, 3))
+        for _, points, slopes in batch.parts:
+            rows = slopes.by_gap[k - batch.first]
+            tangent[points] = rows[:3].transpose(2, 1, 0)
+            gap_bar[points] += _product(rows[3:], history_bar[:, points])
+        z, adjoint_gap = self._solve(step, gap_bar, tangent)
+        force_bar = -self._operator.areas * adjoint_gap.T
+        start_bar = np.zeros((len(gap_bar), columns))
+        start_bar[:, :3] = gap_bar + np.einsum("nij,jn->ni", tangent, force_bar)
+        for law, points, slopes in batch.parts:
+            answer_bar = np.vstack([force_bar[:, points], history_bar[:, points]])
+            start_bar[points] += _product(slopes.by_state[k - batch.first], answer_bar)
+            by_parameter = _product(slopes.by_parameter[k - batch.first], answer_bar)
+            for column, name in enumerate(parameters_of(law)):
+                self._parameters[name][points] += by_parameter[:, column]
+        if (times := _scaling(step)) is not None:
+            start_bar[:, 5:] = start_bar[:, 5:] @ rescaled_slips(np.eye(5), times).T
+        joint_bar[:] = 0.0
+        joint_bar[:, :columns] = start_bar
+        self._add_loads(step, z)
+
+    def _solve(self, step: Step, gap_bar: Floats, tangent: Floats) -> tuple[PETSc.Vec, Floats]:
+        """Solve (52), and pass u, v, a to the start of the step by (53) or (54) (collective)."""
+        u, v, a, system = self._u_bar, self._v_bar, self._a_bar, step.solver.system
+        b, transposed = u.copy(), self._transposed_of(step)
+        transposed.add_gaps(gap_bar, b)
+        coefficients, rule, scheme = coefficients_of(step), rule_of(step), step.scheme
+        if scheme is not None:
+            b.axpy(step.rate or coefficients.damping, v)
+        if isinstance(scheme, Newmark):
+            b.axpy(coefficients.mass, a)
+        z, gaps = transposed.solve(coefficients, rule, tangent, b)
+        inertia, stiff = z.duplicate(), z.duplicate()
+        if scheme is None:
+            system.stiffness.mult(z, stiff)
+        else:
+            system.multiply(z, inertia, stiff)
+        u.axpy(-1.0, stiff)
+        if isinstance(scheme, Newmark):
+            beta, gamma, dt = scheme.beta, scheme.gamma, step.dt
+            a.axpy(-1.0, inertia)
+            v.axpy(-1.0, system.damping_force(z, stiff))
+            old_a = a.copy()
+            a.scale(1.0 - 0.5 / beta)
+            a.axpy(dt * (1.0 - 0.5 * gamma / beta), v)
+            v.scale(1.0 - gamma / beta)
+            v.axpy(-1.0 / (beta * dt), old_a)
+        elif scheme is not None:
+            v.scale(-1.0)
+            v.axpy(step.rate, inertia)
+        return z, gaps
+
+    def _add_weights(self, k: int) -> None:
+        """Add the derivatives of the quantity by the values observed after step ``k``."""
+        tape = self._tape
+        for i, name in enumerate(tape.observed_points):
+            if name in self._weights:
+                tape.probe.add(self._u_bar, i, self._weights[name][k])
+        for name, weights in tape.weights.items():
+            if name in self._weights:
+                self._joint_bar[:, :3] += weights[:, None] * self._weights[name][k]
+
+    def _add_loads(self, step: Step, z: PETSc.Vec) -> None:
+        """Add the products of z with the loads of a step (collective)."""
+        system = step.solver.system
+        if step.loads is not None:
+            for name, load in step.loads.items():
+                self._by_load[name] = self._by_load.get(name, 0.0) + float(load.dot(z))
+            return
+        if step.scheme is None or isinstance(step.scheme, Newmark):
+            factors = system.factors(step.times[1])
+        else:
+            factors = 0.5 * (system.factors(step.times[0]) + system.factors(step.times[1]))
+        self._add_patterns(system, factors, z)
+
+    def _add_patterns(self, system: Any, factors: Floats, z: PETSc.Vec) -> None:
+        vectors = [vector for vector, _ in system.patterns]
+        products = np.array(z.mDot(vectors)) if vectors else np.zeros(0)
+        for name, product in zip(system.names_of_patterns, factors * products, strict=True):
+            self._by_load[name] = self._by_load.get(name, 0.0) + float(product)
+
+    def _is_first_time_step(self, k: int) -> bool:
+        steps = self._tape.steps
+        return steps[k].scheme is not None and (k == 0 or steps[k - 1].scheme is None)
+
+    def _leave_dynamics(self, step: Step) -> None:
+        """Pass the derivative by the first acceleration to the loads that cause it (collective).
+
+        The static state balances its loads, so M a0 is the difference of dynamic and static loads,
+        whatever the joints. The other terms (55) are zero.
+        """
+        if isinstance(step.scheme, Newmark):
+            system, number = step.solver.system, self._tape.steps.index(step)
+            z = balancing_acceleration(system, self._a_bar)
+            self._add_patterns(system, system.factors(step.times[0]), z)
+            if number:
+                z.scale(-1.0)
+                self._add_loads(self._tape.steps[number - 1], z)
+        self._v_bar.set(0.0)
+        self._a_bar.set(0.0)
+
+    def _transposed_of(self, step: Step) -> TransposedStep:
+        key = id(step.solver)
+        if key not in self._transposed:
+            self._transposed[key] = TransposedStep(step.solver)
+        return self._transposed[key]
+
+
+def rule_of(step: Step) -> Rule:
+    """Return the rule by which the laws are evaluated in a step."""
+    whole = step.scheme is not None and not isinstance(step.scheme, Newmark)
+    return DISCRETE_GRADIENT if whole else BACKWARD_EULER
+
+
+def coefficients_of(step: Step) -> MatrixCoefficients:
+    """Return the coefficients of the matrix of a step."""
+    if step.scheme is None:
+        return STATIC
+    if isinstance(step.scheme, Newmark):
+        beta, gamma, dt = step.scheme.beta, step.scheme.gamma, step.dt
+        mass, damping = 1.0 / (beta * dt**2), gamma / (beta * dt)
+        return MatrixCoefficients(mass=mass, damping=damping, stiffness=1.0)
+    return MatrixCoefficients(mass=0.5 * step.rate**2, damping=0.5 * step.rate, stiffness=0.5)
+
+
+def _scaling(step: Step) -> float | None:
+    """Return the factor by which a step rescales the last slips, None if it does not."""
+    changed = step.rate and step.rate_before not in (0.0, step.rate)
+    return step.rate_before / step.rate if changed else None
+
+
+def _start_state(tape: Tape, k: int) -> Floats:
+    """Return the state at the start of step ``k`` as the laws receive it, shape (n, columns)."""
+    state = _padded(tape, k, k)
+    if (times := _scaling(tape.steps[k])) is not None:
+        state[:, 5:] = rescaled_slips(state[:, 5:], times)
+    return state
+
+
+def _padded(tape: Tape, k: int, number: int) -> Floats:
+    """Return a recorded state with the columns of step ``k``; missing slips are zero."""
+    state = tape.states[number]
+    columns = 5 if rule_of(tape.steps[k]) == BACKWARD_EULER else 10
+    padded = np.zeros((len(state), columns))
+    padded[:, : state.shape[1]] = state[:, :columns]
+    return padded
+
+
+def _product(slopes: Floats, answer_bar: Floats) -> Floats:
+    """Return the derivatives by the inputs, shape (n, inputs), from those by the outputs."""
+    return np.einsum("oin,on->ni", slopes, answer_bar)
+
+
+def _checked(weights: Mapping[str, Floats], values: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Check the derivatives of a quantity by the observed values."""
+    for name, array in weights.items():
+        if name not in values:
+            raise ValueError(f"{name!r} is not observed; the names are {', '.join(values)}.")
+        if np.shape(array) != values[name].shape or not np.isfinite(array).all():
+            raise ValueError(
+                f"The derivative by {name!r} has shape {np.shape(array)}; it must be finite "
+                f"numbers of shape {values[name].shape}."
+            )
+    return {name: np.asarray(array, dtype=np.float64) for name, array in weights.items()}

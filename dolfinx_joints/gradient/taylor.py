@@ -1,0 +1,203 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Taylor test of a gradient, and the range of parameter changes in which it predicts a quantity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.common.arrays import Floats
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.mpi import of_ranks, summed
+from dolfinx_joints.common.parameters import finite, shown
+from dolfinx_joints.common.summary import Rows, Summarised
+from dolfinx_joints.gradient.law_slopes import parameters_of, with_values
+from dolfinx_joints.gradient.reverse_sweep import Gradient, Linearised, rule_of
+from dolfinx_joints.gradient.tape import Quantity, Tape
+from dolfinx_joints.joints.law_points import LawPoints
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.model.system import MatrixSystem
+
+# Sizes of the changes, as parts of the given change, and the error that ends the linear range.
+SIZES = tuple(2.0**-k for k in range(11))
+LINEAR = 0.1
+
+Change = Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class TaylorTest(Summarised):
+    """Changes of a quantity in repeated runs with changed parameters, and their linear prediction.
+
+    Attributes:
+        sizes: Sizes h of the changes, descending, as parts of the given change, shape (m,).
+        changes: J(h) - J(0), shape (m,).
+        linear: Derivative of the quantity along the given change; h times it is the prediction.
+        flipped: Number of pairs of steps and joint points that take another branch of the law
+            (open, stick, slip, turn), shape (m,); -1 if the number of steps differs.
+    """
+
+    sizes: Floats
+    changes: Floats
+    linear: float
+    flipped: Floats
+
+    def _summary(self) -> Rows:
+        yield "slope", f"{self.linear:.6g}"
+        yield "orders", ", ".join(f"{order:.2f}" for order in self.orders)
+        yield "no flips up to", f"{self.range_without_flips:g}"
+        yield "10 % off beyond", f"{self.linear_range:g}"
+
+    @property
+    def remainders(self) -> Floats:
+        """|J(h) - J(0) - h J'|, shape (m,)."""
+        return np.abs(self.changes - self.sizes * self.linear)
+
+    @property
+    def orders(self) -> Floats:
+        """Orders of the remainders of subsequent sizes; 2 if the gradient is exact, (m - 1,)."""
+        remainders = np.maximum(self.remainders, np.finfo(float).tiny)
+        return np.log(remainders[:-1] / remainders[1:]) / np.log(self.sizes[:-1] / self.sizes[1:])
+
+    @property
+    def range_without_flips(self) -> float:
+        """Largest size up to which no point takes another branch, 0 without such a size."""
+        return self._range(self.flipped == 0)
+
+    @property
+    def linear_range(self) -> float:
+        """Largest size up to which the prediction is at most 10 % off, 0 without such a size."""
+        return self._range(self.remainders <= LINEAR * np.abs(self.sizes * self.linear))
+
+    def _range(self, valid: Any) -> float:
+        """Return the largest size up to which all sizes are valid."""
+        size = 0.0
+        for h, is_valid in zip(self.sizes[::-1], valid[::-1], strict=True):
+            if not is_valid:
+                break
+            size = float(h)
+        return size
+
+
+def taylor_test(
+    run: Callable[[Model, Tape], Any],
+    tape: Tape,
+    quantity: Quantity,
+    change: Change,
+    *,
+    gradient: Gradient | None = None,
+    sizes: Sequence[float] = SIZES,
+) -> TaylorTest:
+    """Repeat a recorded run with changed parameters, and compare it with the gradient (collective).
+
+    Args:
+        run: Function of a model and a tape that repeats the recorded run, with the tape among the
+            monitors of the simulation.
+        tape: Tape of the recorded run.
+        quantity: The quantity.
+        change: Change of each parameter by name: a number per joint name, or values of the local
+            points, shape (n,). A load name with a number changes the factor of this load.
+        gradient: Gradient of the quantity, if it is known; computed by default.
+        sizes: Sizes h of the changes, descending, as parts of ``change``.
+    """
+    assert tape.model is not None
+    gradient = tape.gradient(quantity) if gradient is None else gradient
+    fields, loads = _split(tape, gradient, change)
+    comm = tape.contact.operator.comm
+    of_points = [float(gradient.by_point[name] @ values) for name, values in fields.items()]
+    linear = float(summed(comm, np.array([sum(of_points)]))[0])
+    linear += sum(gradient.by_load[name] * factor for name, factor in loads.items())
+    branches, changes, flipped = _branches(tape), [], []
+    for size in sizes:
+        again = Tape(tape.points, gaps=tape.gaps)
+        run(changed_model(tape.model, fields, loads, size), again)
+        changes.append(float(quantity.value(again.history())) - gradient.value)
+        if len(again.steps) != len(tape.steps):
+            flipped.append(-1)
+            continue
+        differing = [np.count_nonzero(p != q) for p, q in zip(branches, _branches(again), strict=True)]
+        flipped.append(int(of_ranks(comm, np.array([sum(differing)])).sum()))
+    return TaylorTest(
+        sizes=np.array(sizes), changes=np.array(changes), linear=linear, flipped=np.array(flipped)
+    )
+
+
+def changed_model(
+    model: Model, fields: Mapping[str, Floats], loads: Mapping[str, float], size: float = 1.0
+) -> Model:
+    """Return a copy of a model with changed parameters (collective).
+
+    Args:
+        model: The model, which does not change.
+        fields: Change of each parameter at the local points, shape (n,).
+        loads: Change of the factor of each load by name.
+        size: Factor of all changes.
+    """
+    changed, contact = copy(model), model.contact
+    assert contact is not None
+    contact = changed.contact = contact.with_own_laws()
+    parts: list[LawPoints] = []
+    for part in contact.parts:
+        names = [name for name in parameters_of(part.law) if name in fields]
+        given = [fields[name][part.points] for name in names]
+        rows = np.array(given).reshape(len(names), len(part.points))
+        values, number = np.unique(rows, axis=1, return_inverse=True)
+        for i, row in enumerate(values.T):
+            new = {n: getattr(part.law, n) + size * d for n, d in zip(names, row, strict=True)}
+            parts.append(LawPoints(with_values(part.law, new), part.points[number.ravel() == i]))
+    contact.set_parts(parts)
+    if "initial_gap" in fields:
+        contact.initial_gap = contact.initial_gap.copy()
+        contact.initial_gap[:, 0] += size * fields["initial_gap"]
+
+    def system(*arguments: Any, **options: Any) -> MatrixSystem:
+        made = Model.system(changed, *arguments, **options)
+        factors = [1.0 + size * loads.get(name, 0.0) for name in made.names_of_patterns]
+        patterns = [
+            (factor * vector, time_factor)
+            for factor, (vector, time_factor) in zip(factors, made.patterns, strict=True)
+        ]
+        return replace(made, patterns=patterns)
+
+    changed.system = system  # type: ignore[method-assign]
+    return changed
+
+
+def _split(
+    tape: Tape, gradient: Gradient, change: Change
+) -> tuple[dict[str, Floats], dict[str, float]]:
+    """Return the changes of joint parameters at the local points, and those of load factors."""
+    operator, fields, loads = tape.contact.operator, {}, {}
+    for name, values in change.items():
+        if name in gradient.by_point:
+            fields[name] = np.zeros(len(operator.joint))
+            if not isinstance(values, Mapping):
+                fields[name] += np.asarray(values)
+                continue
+            for joint, value in values.items():
+                if joint not in operator.names:
+                    raise JointsError(f"{joint!r} is not a joint; use {', '.join(operator.names)}.")
+                fields[name][operator.joint == operator.names.index(joint)] = value
+        elif name in gradient.by_load and finite(values):
+            loads[name] = float(values)
+        else:
+            known = ", ".join([*gradient.by_point, *gradient.by_load])
+            raise ValueError(f"{shown(name)} is not a parameter; the gradient contains {known}.")
+    return fields, loads
+
+
+def _branches(tape: Tape) -> list[Any]:
+    """Return the branches that the local points take in each step of a run, shape (n,) each."""
+    rows: list[Any] = []
+    for k, step in enumerate(tape.steps):
+        laws = Linearised(tape, k, k + 1, branches=True)
+        row = np.zeros(len(tape.contact.operator.areas), dtype=np.int64)
+        for _, points, slopes in laws.parts:
+            row[points] = slopes.path[0]
+        rows.append(row)
+    return rows

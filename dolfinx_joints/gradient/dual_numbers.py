@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.common.arrays import Flags, Floats
+from dolfinx_joints.common.arrays import Flags, Floats, Ints
 
 
 class Branches(Exception):  # noqa: N818 - not an error, but a request to divide the points
@@ -135,15 +135,18 @@ def _value(number: Any) -> Any:
     return number.value if isinstance(number, Dual) else number
 
 
-def in_branches(count: int, evaluate: Callable[[Any], None]) -> None:
-    """Evaluate all points; divide them as long as conditions differ between points.
+def branches_of(count: int, evaluate: Callable[[Any], None]) -> list[Ints]:
+    """Return the numbers of the points of each branch, for ``count`` points.
 
     ``evaluate`` receives numbers of points, and raises `Branches` if a condition differs.
     """
-    parts = [np.arange(count)] if count else []
+    parts, groups = [np.arange(count)] if count else [], []
     while parts:
         points = parts.pop()
         try:
             evaluate(points)
         except Branches as branches:
             parts += [points[branches.true], points[~branches.true]]
+        else:
+            groups.append(points)
+    return groups

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.common.arrays import Floats, Ints
-from dolfinx_joints.gradient.dual_numbers import Dual, in_branches
+from dolfinx_joints.gradient.dual_numbers import Dual, branches_of
 from dolfinx_joints.laws.adhesive import AdhesiveJoint
 from dolfinx_joints.laws.friction import FrictionNoTension
 from dolfinx_joints.laws.law import JointState, Rule
@@ -45,17 +45,14 @@ class Slopes:
     """Values and derivatives of a law at points of one or several steps.
 
     Attributes:
-        answer: t and y1, shape (steps, columns, n).
-        by_gap: d (t, y1) / d g1, shape (steps, columns, 3, n).
-        by_state: d (t, y1) / d z0, shape (steps, columns, columns, n).
-        by_parameter: d (t, y1) / d p, shape (steps, columns, parameters, n).
+        answer: t and y1, shape (columns, steps, n).
+        by_input: d (t, y1) / d (g1, z0, p), shape (steps, columns, 3 + columns + parameters, n);
+            None if only branches were evaluated.
         path: Number that identifies the branches that a point takes, shape (steps, n).
     """
 
     answer: Floats
-    by_gap: Floats
-    by_state: Floats
-    by_parameter: Floats
+    by_input: Floats | None
     path: Ints
 
 
@@ -67,44 +64,45 @@ def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats, *, branches: bo
         rule: Rule of the steps.
         before: States at the start, shape (steps, n, 5 or 10).
         gap: Gaps at the end, shape (steps, n, 3), [m].
-        branches: True to evaluate only ``answer`` and ``path``; the derivatives are then empty.
+        branches: True to evaluate the branches only.
     """
     steps, count, columns = before.shape
-    names = parameters_of(law)
-    inputs = 0 if branches else 3 + columns + len(names)
-    values, path = np.zeros((columns, steps * count)), np.zeros(steps * count, dtype=np.int64)
-    slopes = np.zeros((columns, inputs, steps * count))
-    flat = np.hstack([gap.reshape(-1, 3), before.reshape(-1, columns)]).T
+    names, total = parameters_of(law), steps * count
+    numbers = np.hstack([gap.reshape(-1, 3), before.reshape(-1, columns)]).T
+    inputs = len(numbers) + len(names)
+    answer, path = np.zeros((columns, total)), np.zeros(total, dtype=np.int64)
 
-    def evaluate(points: Ints) -> None:
+    def evaluate(points: Ints, slopes: Floats | None = None) -> None:
+        """Write the answer of points on one branch, and with ``slopes`` their derivatives."""
         trail: list[bool] = []
-        size = len(points)
+        zero = np.zeros((0 if slopes is None else inputs, len(points)))
 
         def seeded(value: Floats, number: int) -> Dual:
-            slope = np.zeros((inputs, size))
-            if not branches:
-                slope[number] = 1.0
+            slope = zero.copy()
+            slope[number : number + 1] = 1.0
             return Dual(value, slope, trail)
 
-        numbers = [seeded(flat[i, points], i) for i in range(3 + columns)]
-        variables = {
-            name: seeded(np.full(size, float(getattr(law, name))), 3 + columns + i)
+        given = [seeded(row[points], i) for i, row in enumerate(numbers)]
+        parameters = {
+            name: seeded(np.full(len(points), float(getattr(law, name))), len(numbers) + i)
             for i, name in enumerate(names)
         }
-        outputs = _answer(with_values(law, variables), rule, numbers)
+        outputs = _answer(with_values(law, parameters), rule, given)
         for row, output in enumerate(outputs):
-            if isinstance(output, Dual):
-                values[row, points], slopes[row][:, points] = output.value, output.slope
-            else:
-                values[row, points] = output
+            answer[row, points] = output.value if isinstance(output, Dual) else output
+            if slopes is not None and isinstance(output, Dual):
+                slopes[row][:, points] = output.slope
         path[points] = hash(tuple(trail))
 
-    in_branches(steps * count, evaluate)
-    slopes = slopes.reshape(columns, inputs, steps, count).transpose(2, 0, 1, 3)
-    ends = [3, 3 + columns] if not branches else [0, 0]
-    by_gap, by_state, by_parameter = np.split(slopes, ends, axis=2)
-    answer = values.reshape(columns, steps, count).transpose(1, 0, 2)
-    return Slopes(answer, by_gap, by_state, by_parameter, path.reshape(steps, count))
+    groups = branches_of(total, evaluate)
+    by_input = None
+    if not branches:
+        slopes = np.zeros((columns, inputs, total))
+        for points in groups:
+            evaluate(points, slopes)
+        by_step = slopes.reshape(columns, inputs, steps, count).transpose(2, 0, 1, 3)
+        by_input = np.ascontiguousarray(by_step)
+    return Slopes(answer.reshape(columns, steps, count), by_input, path.reshape(steps, count))
 
 
 def with_values(law: Any, values: Mapping[str, Any]) -> Any:

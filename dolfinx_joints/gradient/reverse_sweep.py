@@ -24,8 +24,9 @@ from dolfinx_joints.time_integration.initial_state import balancing_acceleration
 from dolfinx_joints.time_integration.joints_before import rescaled_slips
 from dolfinx_joints.time_integration.newmark import Newmark
 
-# Points of all steps that are linearised together: their arrays fit into a processor cache.
-BATCH_POINTS = 4096
+# Points of all steps that are linearised together: many points share the cost of a branch, and the
+# arrays stay small.
+BATCH_POINTS = 16384
 
 # Largest difference between a recorded elastic slip and the law's, relative to the largest slip.
 REPLAYED = 1e-6
@@ -76,7 +77,7 @@ class Linearised:
             args = part.law, rule, before[:, points], after[:, points, :3]
             slopes = slopes_of(*args, branches=branches)
             self.parts.append((part.law, points, slopes))
-            error = slopes.answer[:, 3:5] - after[:, points, 3:5].transpose(0, 2, 1)
+            error = slopes.answer[3:5] - after[:, points, 3:5].transpose(2, 0, 1)
             size = np.abs(after[:, points, 1:5]).max(initial=0.0)
             self.replayed = not np.abs(error).max(initial=0.0) > REPLAYED * size
 
@@ -154,19 +155,19 @@ class ReverseSweep:
         gap_bar, history_bar = joint_bar[:, :3].copy(), joint_bar[:, 3:columns].T
         tangent = np.zeros((len(gap_bar), 3, 3))
         for _, points, slopes in batch.parts:
-            rows = slopes.by_gap[k - batch.first]
-            tangent[points] = rows[:3].transpose(2, 1, 0)
-            gap_bar[points] += _product(rows[3:], history_bar[:, points])
+            rows = slopes.by_input[k - batch.first]
+            tangent[points] = rows[:3, :3].transpose(2, 1, 0)
+            gap_bar[points] += _product(rows[3:, :3], history_bar[:, points])
         z, adjoint_gap = self._solve(step, gap_bar, tangent)
         force_bar = -self._operator.areas * adjoint_gap.T
         start_bar = np.zeros((len(gap_bar), columns))
         start_bar[:, :3] = gap_bar + np.einsum("nij,jn->ni", tangent, force_bar)
         for law, points, slopes in batch.parts:
             answer_bar = np.vstack([force_bar[:, points], history_bar[:, points]])
-            start_bar[points] += _product(slopes.by_state[k - batch.first], answer_bar)
-            by_parameter = _product(slopes.by_parameter[k - batch.first], answer_bar)
-            for column, name in enumerate(parameters_of(law)):
-                self._parameters[name][points] += by_parameter[:, column]
+            by_input = _product(slopes.by_input[k - batch.first][:, 3:], answer_bar)
+            start_bar[points] += by_input[:, :columns]
+            for column, name in enumerate(parameters_of(law), columns):
+                self._parameters[name][points] += by_input[:, column]
         if (times := _scaling(step)) is not None:
             start_bar[:, 5:] = start_bar[:, 5:] @ rescaled_slips(np.eye(5), times).T
         joint_bar[:] = 0.0

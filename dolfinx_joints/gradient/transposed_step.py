@@ -24,7 +24,7 @@ from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 
 # Target residual of the adjoint forces relative to their right-hand side, largest accepted one, and
 # most corrections. Each correction gains at least the digits of single precision or compression.
-TARGET, ACCEPTED, CORRECTIONS = 1e-13, 1e-8, 12
+TARGET, ACCEPTED, CORRECTIONS = 1e-11, 1e-8, 12
 
 # Residual of (52) relative to b that is not refined in statics, and most refinements.
 REFINED, REFINEMENTS = 1e-13, 3

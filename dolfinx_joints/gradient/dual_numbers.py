@@ -33,47 +33,43 @@ class Dual:
     Attributes:
         value: Value at each point, shape (n,).
         slope: Derivatives, shape (k, n).
-        path: Results of all conditions so far, shared by the numbers of one evaluation.
     """
 
-    __slots__ = ("path", "slope", "value")
+    __slots__ = ("slope", "value")
 
-    def __init__(self, value: Floats, slope: Floats, path: list[bool]) -> None:
+    def __init__(self, value: Floats, slope: Floats) -> None:
         """Store the arguments."""
-        self.value, self.slope, self.path = value, slope, path
-
-    def _of(self, value: Floats, slope: Floats) -> Dual:
-        return Dual(value, slope, self.path)
+        self.value, self.slope = value, slope
 
     def __add__(self, other: Any) -> Any:
         if isinstance(other, Dual):
-            return self._of(self.value + other.value, self.slope + other.slope)
+            return Dual(self.value + other.value, self.slope + other.slope)
         if isinstance(other, np.ndarray):
             return NotImplemented
-        return self._of(self.value + other, self.slope)
+        return Dual(self.value + other, self.slope)
 
     __radd__ = __add__
 
     def __neg__(self) -> Dual:
-        return self._of(-self.value, -self.slope)
+        return Dual(-self.value, -self.slope)
 
     def __sub__(self, other: Any) -> Any:
         if isinstance(other, Dual):
-            return self._of(self.value - other.value, self.slope - other.slope)
+            return Dual(self.value - other.value, self.slope - other.slope)
         if isinstance(other, np.ndarray):
             return NotImplemented
-        return self._of(self.value - other, self.slope)
+        return Dual(self.value - other, self.slope)
 
     def __rsub__(self, other: Any) -> Any:
-        return self._of(other - self.value, -self.slope)
+        return Dual(other - self.value, -self.slope)
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, Dual):
             slope = self.slope * other.value + other.slope * self.value
-            return self._of(self.value * other.value, slope)
+            return Dual(self.value * other.value, slope)
         if isinstance(other, np.ndarray):
             return NotImplemented
-        return self._of(self.value * other, self.slope * other)
+        return Dual(self.value * other, self.slope * other)
 
     __rmul__ = __mul__
 
@@ -81,23 +77,23 @@ class Dual:
         if isinstance(other, Dual):
             inverse = 1.0 / other.value
             value = self.value * inverse
-            return self._of(value, (self.slope - other.slope * value) * inverse)
+            return Dual(value, (self.slope - other.slope * value) * inverse)
         if isinstance(other, np.ndarray):
             return NotImplemented
-        return self._of(self.value / other, self.slope / other)
+        return Dual(self.value / other, self.slope / other)
 
     def __rtruediv__(self, other: Any) -> Any:
         value = other / self.value
-        return self._of(value, self.slope * (-value / self.value))
+        return Dual(value, self.slope * (-value / self.value))
 
     def __pow__(self, power: int) -> Dual:
-        return self._of(self.value**power, power * self.value ** (power - 1) * self.slope)
+        return Dual(self.value**power, power * self.value ** (power - 1) * self.slope)
 
     def sqrt(self) -> Dual:
         """Return the square root; its slope is zero where the value is zero."""
         root = np.sqrt(self.value)
         factor = np.divide(0.5, root, out=np.zeros_like(root), where=root > 0.0)
-        return self._of(root, self.slope * factor)
+        return Dual(root, self.slope * factor)
 
     def __abs__(self) -> Dual:
         return -self if self < 0.0 else self
@@ -107,7 +103,6 @@ class Dual:
         first = bool(flags[0])
         if (flags != first).any():
             raise Branches(flags)
-        self.path.append(first)
         return first
 
     def __bool__(self) -> bool:

@@ -46,17 +46,14 @@ class Slopes:
 
     Attributes:
         answer: t and y1, shape (columns, steps, n).
-        by_input: d (t, y1) / d (g1, z0, p), shape (steps, columns, 3 + columns + parameters, n);
-            None if only branches were evaluated.
-        path: Number that identifies the branches that a point takes, shape (steps, n).
+        by_input: d (t, y1) / d (g1, z0, p), shape (steps, columns, 3 + columns + parameters, n).
     """
 
     answer: Floats
-    by_input: Floats | None
-    path: Ints
+    by_input: Floats
 
 
-def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats, *, branches: bool) -> Slopes:
+def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats) -> Slopes:
     """Return the derivatives of a law in steps.
 
     Args:
@@ -64,23 +61,21 @@ def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats, *, branches: bo
         rule: Rule of the steps.
         before: States at the start, shape (steps, n, 5 or 10).
         gap: Gaps at the end, shape (steps, n, 3), [m].
-        branches: True to evaluate the branches only.
     """
     steps, count, columns = before.shape
     names, total = parameters_of(law), steps * count
     numbers = np.hstack([gap.reshape(-1, 3), before.reshape(-1, columns)]).T
     inputs = len(numbers) + len(names)
-    answer, path = np.zeros((columns, total)), np.zeros(total, dtype=np.int64)
+    answer, slopes = np.zeros((columns, total)), np.zeros((columns, inputs, total))
 
-    def evaluate(points: Ints, slopes: Floats | None = None) -> None:
-        """Write the answer of points on one branch, and with ``slopes`` their derivatives."""
-        trail: list[bool] = []
-        zero = np.zeros((0 if slopes is None else inputs, len(points)))
+    def evaluate(points: Ints, *, differentiate: bool = False) -> None:
+        """Write the answer of points on one branch, and their derivatives if wanted."""
+        zero = np.zeros((inputs if differentiate else 0, len(points)))
 
         def seeded(value: Floats, number: int) -> Dual:
             slope = zero.copy()
             slope[number : number + 1] = 1.0
-            return Dual(value, slope, trail)
+            return Dual(value, slope)
 
         given = [seeded(row[points], i) for i, row in enumerate(numbers)]
         parameters = {
@@ -90,19 +85,13 @@ def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats, *, branches: bo
         outputs = _answer(with_values(law, parameters), rule, given)
         for row, output in enumerate(outputs):
             answer[row, points] = output.value if isinstance(output, Dual) else output
-            if slopes is not None and isinstance(output, Dual):
+            if differentiate and isinstance(output, Dual):
                 slopes[row][:, points] = output.slope
-        path[points] = hash(tuple(trail))
 
-    groups = branches_of(total, evaluate)
-    by_input = None
-    if not branches:
-        slopes = np.zeros((columns, inputs, total))
-        for points in groups:
-            evaluate(points, slopes)
-        by_step = slopes.reshape(columns, inputs, steps, count).transpose(2, 0, 1, 3)
-        by_input = np.ascontiguousarray(by_step)
-    return Slopes(answer.reshape(columns, steps, count), by_input, path.reshape(steps, count))
+    for points in branches_of(total, evaluate):
+        evaluate(points, differentiate=True)
+    by_step = slopes.reshape(columns, inputs, steps, count).transpose(2, 0, 1, 3)
+    return Slopes(answer.reshape(columns, steps, count), np.ascontiguousarray(by_step))
 
 
 def with_values(law: Any, values: Mapping[str, Any]) -> Any:

@@ -63,10 +63,9 @@ class Linearised:
         tape: The recorded run.
         first: Number of the first step.
         stop: Number of the last step plus one.
-        branches: True to evaluate only the branches that the points take.
     """
 
-    def __init__(self, tape: Tape, first: int, stop: int, *, branches: bool = False) -> None:
+    def __init__(self, tape: Tape, first: int, stop: int) -> None:
         """Evaluate the laws and compare their history with the recorded one."""
         self.first, self.parts = first, []
         rule = rule_of(tape.steps[first])
@@ -75,7 +74,7 @@ class Linearised:
         for part in tape.contact.parts:
             points = part.points
             args = part.law, rule, before[:, points], after[:, points, :3]
-            slopes = slopes_of(*args, branches=branches)
+            slopes = slopes_of(*args)
             self.parts.append((part.law, points, slopes))
             error = slopes.answer[3:5] - after[:, points, 3:5].transpose(2, 0, 1)
             size = np.abs(after[:, points, 1:5]).max(initial=0.0)

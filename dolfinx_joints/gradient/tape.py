@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Record of a run for its gradients: joint states of all accepted steps, and observed values.
 
-The tape stores 40 bytes per joint point and step with Newmark's method and in statics, 80 bytes
+The tape stores 41 bytes per joint point and step with Newmark's method and in statics, 81 bytes
 with `EnergyConsistent`. It stores no field of the body; static increments with partial loads also
 store these loads. The solvers of the stages, with their factors, stay in memory with the tape.
 """
@@ -14,6 +14,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.arrays import Floats
@@ -22,7 +23,7 @@ from dolfinx_joints.common.mpi import of_ranks, summed
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.gradient.law_slopes import SUPPORTED
 from dolfinx_joints.joints.contact import Contact
-from dolfinx_joints.laws.law import JointState
+from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.mesh.joint_pairs import no_such_joint
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -133,6 +134,7 @@ class Tape(Monitor):
     gaps: Mapping[str, Any] | None = None
     steps: list[Step] = field(default_factory=list, init=False)
     states: list[Floats] = field(default_factory=list, init=False)
+    status: list[NDArray[np.int8]] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         """Check the observed values; they are located when a simulation is created."""
@@ -172,7 +174,7 @@ class Tape(Monitor):
             times=(time, time),
             loads=solved.loads[1] if increment.share < 1.0 else None,
         )
-        self._end(step, solved.after.state, equilibrium.displacement)
+        self._end(step, solved.after, equilibrium.displacement)
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
         """Refuse grouting and construction stages."""
@@ -217,7 +219,7 @@ class Tape(Monitor):
             rate=0.0 if newmark else after.rate,
             rate_before=before.rate,
         )
-        self._end(step, after.joints.state, after.displacement)
+        self._end(step, after.joints, after.displacement)
 
     def _begin(self, before: Any, *, partial: bool) -> None:
         """Check that a step starts from the last recorded state (collective)."""
@@ -238,11 +240,12 @@ class Tape(Monitor):
             )
         self.states.append(_columns(state))
 
-    def _end(self, step: Step, state: JointState, displacement: PETSc.Vec) -> None:
+    def _end(self, step: Step, joints: Response, displacement: PETSc.Vec) -> None:
         self.steps.append(step)
-        self.states.append(_columns(state))
+        self.states.append(_columns(joints.state))
+        self.status.append(joints.status)
         self._local.append(self.probe.local(displacement))
-        self._last = state
+        self._last = joints.state
 
     def history(self) -> History:
         """Return the observed values of all steps (collective)."""

@@ -17,7 +17,7 @@ from dolfinx_joints.common.mpi import of_ranks, summed
 from dolfinx_joints.common.parameters import finite, shown
 from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.gradient.law_slopes import parameters_of, with_values
-from dolfinx_joints.gradient.reverse_sweep import Gradient, Linearised, rule_of
+from dolfinx_joints.gradient.reverse_sweep import Gradient
 from dolfinx_joints.gradient.tape import Quantity, Tape
 from dolfinx_joints.joints.law_points import LawPoints
 from dolfinx_joints.model.model import Model
@@ -38,8 +38,8 @@ class TaylorTest(Summarised):
         sizes: Sizes h of the changes, descending, as parts of the given change, shape (m,).
         changes: J(h) - J(0), shape (m,).
         linear: Derivative of the quantity along the given change; h times it is the prediction.
-        flipped: Number of pairs of steps and joint points that take another branch of the law
-            (open, stick, slip, turn), shape (m,); -1 if the number of steps differs.
+        flipped: Number of pairs of steps and joint points whose `Status` differs, shape (m,); -1 if
+            the number of steps differs.
     """
 
     sizes: Floats
@@ -66,7 +66,7 @@ class TaylorTest(Summarised):
 
     @property
     def range_without_flips(self) -> float:
-        """Largest size up to which no point takes another branch, 0 without such a size."""
+        """Largest size up to which no `Status` differs, 0 without such a size."""
         return self._range(self.flipped == 0)
 
     @property
@@ -112,7 +112,7 @@ def taylor_test(
     of_points = [float(gradient.by_point[name] @ values) for name, values in fields.items()]
     linear = float(summed(comm, np.array([sum(of_points)]))[0])
     linear += sum(gradient.by_load[name] * factor for name, factor in loads.items())
-    branches, changes, flipped = _branches(tape), [], []
+    changes, flipped = [], []
     for size in sizes:
         again = Tape(tape.points, gaps=tape.gaps)
         run(changed_model(tape.model, fields, loads, size), again)
@@ -120,8 +120,8 @@ def taylor_test(
         if len(again.steps) != len(tape.steps):
             flipped.append(-1)
             continue
-        differing = [np.count_nonzero(p != q) for p, q in zip(branches, _branches(again), strict=True)]
-        flipped.append(int(of_ranks(comm, np.array([sum(differing)])).sum()))
+        differing = np.count_nonzero(np.array(again.status) != np.array(tape.status))
+        flipped.append(int(of_ranks(comm, np.array([differing])).sum()))
     return TaylorTest(
         sizes=np.array(sizes), changes=np.array(changes), linear=linear, flipped=np.array(flipped)
     )
@@ -189,15 +189,3 @@ def _split(
             known = ", ".join([*gradient.by_point, *gradient.by_load])
             raise ValueError(f"{shown(name)} is not a parameter; the gradient contains {known}.")
     return fields, loads
-
-
-def _branches(tape: Tape) -> list[Any]:
-    """Return the branches that the local points take in each step of a run, shape (n,) each."""
-    rows: list[Any] = []
-    for k, step in enumerate(tape.steps):
-        laws = Linearised(tape, k, k + 1, branches=True)
-        row = np.zeros(len(tape.contact.operator.areas), dtype=np.int64)
-        for _, points, slopes in laws.parts:
-            row[points] = slopes.path[0]
-        rows.append(row)
-    return rows

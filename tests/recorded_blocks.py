@@ -26,7 +26,7 @@ def motion(time):
 def blocks(law=LAW, comm=COMM, **options):
     """Return a model of two blocks of 2 x 1 m on each other (collective)."""
     mesh = box(
-        (2.0, 2.0), (2, 4), joints={"j": (1, 1.0)}, groups={"base": (1, 0.0), "right": (0, 2.0)},
+        (2.0, 2.0), (2, 4), joints={"j": (1, 1.0)}, groups={"base": (1, 0.0), "left": (0, 0.0), "right": (0, 2.0)},
         comm=comm,
     )
     given = {"material": CONCRETE, "joints": law, "supports": [dj.Fixed(group="base")]}

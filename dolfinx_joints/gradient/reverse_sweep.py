@@ -19,6 +19,7 @@ from dolfinx_joints.gradient.law_slopes import Slopes, parameters_of, slopes_of
 from dolfinx_joints.gradient.tape import Quantity, Step, Tape
 from dolfinx_joints.gradient.transposed_step import TransposedStep
 from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
+from dolfinx_joints.simulation.statics.stage_start import CONSTRUCTION
 from dolfinx_joints.solvers.effective_matrix import STATIC, MatrixCoefficients
 from dolfinx_joints.time_integration.initial_state import balancing_acceleration
 from dolfinx_joints.time_integration.joints_before import rescaled_slips
@@ -219,6 +220,8 @@ class ReverseSweep:
         system = step.solver.system
         if step.loads is not None:
             for name, load in step.loads.items():
+                if name == CONSTRUCTION:  # Rounding errors of earlier stages.
+                    continue
                 self._by_load[name] = self._by_load.get(name, 0.0) + float(load.dot(z))
             return
         if step.scheme is None or isinstance(step.scheme, Newmark):

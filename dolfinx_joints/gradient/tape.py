@@ -94,6 +94,8 @@ class Quantity:
     @classmethod
     def at_end(cls, name: str, component: int) -> Quantity:
         """Return a component of an observed value at the end of the run, such as residual slip."""
+        if component not in (0, 1, 2):
+            raise ValueError(f"component is {shown(component)}; it must be 0, 1 or 2.")
 
         def derivative(history: History) -> dict[str, Floats]:
             weights = np.zeros_like(history.values[name])
@@ -321,15 +323,15 @@ def _condensed(solver: StepSolver) -> InterfaceSolver:
 
 
 def _joint_and_place(name: str, given: Any) -> tuple[str, Floats | None]:
-    joint, place = (given, None) if isinstance(given, str) else (*given, None)[:2]
-    valid = isinstance(joint, str)
-    check_kind_of(f"The gap {shown(name)}", given, valid, "a joint, or a joint and coordinates")
-    if place is None:
-        return joint, None
-    where = np.zeros(3)
-    numbers = check_vector(f"The gap {shown(name)}", place, (2, 3))
-    where[: len(numbers)] = numbers
-    return joint, where
+    """Check an observed gap; return its joint, and its coordinates if they are given."""
+    if isinstance(given, str):
+        return given, None
+    pair = isinstance(given, Sequence) and len(given) == 2 and isinstance(given[0], str)
+    check_kind_of(f"The gap {shown(name)}", given, pair, "a joint, or a joint and coordinates")
+    place, (joint, coordinates) = np.zeros(3), given
+    numbers = check_vector(f"The gap {shown(name)}", coordinates, (2, 3))
+    place[: len(numbers)] = numbers
+    return joint, place
 
 
 def _weights(contact: Contact, joint: str, place: Floats | None) -> Floats:

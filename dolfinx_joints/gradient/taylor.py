@@ -16,7 +16,7 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import of_ranks, summed
 from dolfinx_joints.common.parameters import finite, shown
 from dolfinx_joints.common.summary import Rows, Summarised
-from dolfinx_joints.gradient.law_slopes import parameters_of, with_values
+from dolfinx_joints.gradient.law_slopes import DERIVED, parameters_of
 from dolfinx_joints.gradient.reverse_sweep import Gradient
 from dolfinx_joints.gradient.tape import Quantity, Tape
 from dolfinx_joints.joints.law_points import LawPoints
@@ -106,6 +106,8 @@ def taylor_test(
         sizes: Sizes h of the changes, descending, as parts of ``change``.
     """
     assert tape.model is not None
+    if len(sizes) < 2 or not (np.diff([*sizes, 0.0]) < 0.0).all():
+        raise ValueError(f"sizes is {shown(sizes)}; it must be descending positive numbers.")
     gradient = tape.gradient(quantity) if gradient is None else gradient
     fields, loads = _split(tape, gradient, change)
     comm = tape.contact.operator.comm
@@ -113,7 +115,7 @@ def taylor_test(
     linear = float(summed(comm, np.array([sum(of_points)]))[0])
     linear += sum(gradient.by_load[name] * factor for name, factor in loads.items())
     changes, flipped = [], []
-    for size in sizes:
+    for size in map(float, sizes):
         again = Tape(tape.points, gaps=tape.gaps)
         run(changed_model(tape.model, fields, loads, size), again)
         changes.append(float(quantity.value(again.history())) - gradient.value)
@@ -149,7 +151,9 @@ def changed_model(
         values, number = np.unique(rows, axis=1, return_inverse=True)
         for i, row in enumerate(values.T):
             new = {n: getattr(part.law, n) + size * d for n, d in zip(names, row, strict=True)}
-            parts.append(LawPoints(with_values(part.law, new), part.points[number.ravel() == i]))
+            if "friction_coefficient" in new:
+                new[DERIVED] = None
+            parts.append(LawPoints(replace(part.law, **new), part.points[number.ravel() == i]))
     contact.set_parts(parts)
     if "initial_gap" in fields:
         contact.initial_gap = contact.initial_gap.copy()

@@ -1,0 +1,158 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Cases that gradients do not include are refused with one sentence that names the case."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+from recorded_blocks import GAPS, LAW, POINTS, blocks, integral, motion, recorded, shaken
+
+import dolfinx_joints as dj
+
+END = dj.Quantity.at_end("middle", 0)
+
+
+def tape_of(model, **options):
+    tape = dj.Tape(POINTS, gaps=GAPS)
+    return tape, dj.Simulation(model, monitors=[tape], **options)
+
+
+@pytest.mark.parametrize(
+    ("law", "kind"),
+    [
+        (dj.RigidJoint(friction_angle_deg=30.0, stiffness_ratio=1.0), "RigidJoint"),
+        (dj.ViscousJoint(law=LAW, normal_viscosity=1e5), "ViscousJoint"),
+        (
+            dj.MohrCoulombJoint(
+                normal_stiffness=5e9,
+                shear_stiffness=5e9,
+                friction_angle_deg=30.0,
+                cohesion=1e5,
+                tensile_strength=1e5,
+            ),
+            "MohrCoulombJoint",
+        ),
+    ],
+)
+def test_laws(law, kind):
+    with pytest.raises(dj.JointsError, match=f"'j' has the law {kind}; gradients support"):
+        tape_of(blocks(law))
+
+
+def test_models():
+    with pytest.raises(dj.JointsError, match="Damping ratios of modes are not supported"):
+        tape_of(blocks(damping=dj.ModalRatios(ratio=0.05, modes=2)))
+    with pytest.raises(dj.JointsError, match="Water that follows the openings"):
+        water = dj.JointWater(joint="j", level=2.0)
+        tape_of(blocks(loads=[dj.Gravity(), water]))
+
+
+@pytest.mark.parametrize(
+    "scheme", [dj.HilberHughesTaylor(), dj.ImplicitContact(), dj.EnergyConsistent(exact_modes=3)]
+)
+def test_schemes(scheme):
+    _, run = tape_of(blocks())
+    run.statics()
+    with pytest.raises(dj.JointsError, match="gradients need EnergyConsistent without exact modes"):
+        run.dynamics(dt=1e-3, steps=1, motion=motion, scheme=scheme)
+
+
+def test_stages(tmp_path):
+    _, run = tape_of(blocks())
+    run.statics()
+    with pytest.raises(dj.JointsError, match="Grouting changes joint states"):
+        run.grout(["j"])
+
+    _, run = tape_of(blocks())
+    run.statics()
+    end = run.dynamics(dt=1e-3, steps=2, motion=motion).state
+    with pytest.raises(dj.JointsError, match="A second dynamic stage follows"):
+        run.dynamics(dt=1e-3, steps=2, start=end)
+    with pytest.raises(dj.JointsError, match="A static stage follows a dynamic stage"):
+        run.statics()
+
+    first = dj.Simulation(blocks())
+    first.statics()
+    first.save_static(tmp_path / "static.h5")
+    _, run = tape_of(blocks())
+    run.load_static(tmp_path / "static.h5")
+    with pytest.raises(dj.JointsError, match="does not start from the unloaded body"):
+        run.dynamics(dt=1e-3, steps=2, motion=motion)
+
+
+def test_restart(tmp_path):
+    path = tmp_path / "run.h5"
+    arguments = {"dt": 1e-3, "steps": 4, "motion": motion}
+    _, run = tape_of(blocks())
+    run.statics()
+    run.dynamics(**arguments, checkpoint=dj.Checkpoints(path, every=2))
+    _, run = tape_of(blocks())
+    with pytest.raises(dj.JointsError, match="continues from a checkpoint"):
+        run.dynamics(**arguments, checkpoint=dj.Checkpoints(path, every=2, resume=True))
+
+
+def test_solver():
+    _, run = tape_of(blocks(), solver="monolithic")
+    with pytest.raises(dj.JointsError, match="The solver is 'monolithic'; gradients need"):
+        run.statics()
+
+
+def test_initial_overlap():
+    law = dj.Joints(LAW, initial_gaps={"j": -1e-6})
+    _, run = tape_of(blocks(law))
+    with pytest.raises(dj.JointsError, match="because of initial overlaps"):
+        run.statics(steps=2)
+
+
+def test_another_path_than_one_step_of_the_law():
+    """A changed history, as a solver that follows another path would leave, is noticed."""
+    tape = recorded(shaken(steps=20), blocks())
+    tape.states[10] = tape.states[10] + np.array([0, 0, 0, 1e-6, 0, 0, 0, 0, 0, 0])
+    with pytest.raises(dj.JointsError, match="is not one step of the joint laws"):
+        tape.gradient(END)
+
+
+def test_singular_steps():
+    """A frictionless block slides freely: its displacement along the joint has no derivative."""
+    model = blocks(dj.frictionless(normal_stiffness=5e9))
+    tape = recorded(lambda m, t: dj.Simulation(m, monitors=[t]).statics(), model)
+    assert tape.gradient(END).value < 0.0
+    with pytest.raises(dj.JointsError, match="a block can move freely"):
+        tape.gradient(dj.Quantity.at_end("top", 0))
+
+
+def test_arguments():
+    with pytest.raises(ValueError, match="observes nothing"):
+        dj.Tape()
+    with pytest.raises(ValueError, match="name of a point and of a gap"):
+        dj.Tape({"a": (0.0, 0.0)}, gaps={"a": "j"})
+    with pytest.raises(dj.JointsError, match="'k'"):
+        dj.Simulation(blocks(), monitors=[dj.Tape(gaps={"a": "k"})])
+    with pytest.raises(ValueError, match="gap 'a'"):
+        dj.Tape(gaps={"a": ("j", (0.0, np.nan))})
+    with pytest.raises(ValueError, match="gap 'a'"):
+        dj.Tape(gaps={"a": 3})
+    tape, run = tape_of(blocks())
+    with pytest.raises(dj.JointsError, match="The tape is empty"):
+        tape.gradient(END)
+    with pytest.raises(dj.JointsError, match="give each Simulation a new Tape"):
+        dj.Simulation(blocks(), monitors=[tape])
+    run.statics()
+    with pytest.raises(ValueError, match="quantity"):
+        tape.gradient(lambda history: 0.0)
+    with pytest.raises(ValueError, match="'side' is not observed; the names are top, middle"):
+        tape.gradient(dj.Quantity(value=lambda h: 0.0, derivative=lambda h: {"side": 0.0}))
+    with pytest.raises(ValueError, match="must be finite numbers of shape"):
+        tape.gradient(dj.Quantity(value=lambda h: 0.0, derivative=lambda h: {"top": np.zeros(3)}))
+    with pytest.raises(ValueError, match="component"):
+        dj.Quantity.at_end("top", 3)
+    statics = lambda m, t: dj.Simulation(m, monitors=[t]).statics()
+    with pytest.raises(ValueError, match="'cohesion' is not a parameter; the gradient contains"):
+        dj.taylor_test(statics, tape, END, {"cohesion": {"j": 1.0}})
+    with pytest.raises(dj.JointsError, match="'k' is not a joint"):
+        dj.taylor_test(statics, tape, END, {"normal_stiffness": {"k": 1.0}})
+    with pytest.raises(ValueError, match="normal_stiffness"):
+        dj.taylor_test(statics, tape, END, {"normal_stiffness": {"j": -6e9}})
+    with pytest.raises(ValueError, match="sizes"):
+        dj.taylor_test(statics, tape, END, {"normal_stiffness": {"j": 1.0}}, sizes=[0.5, 1.0])

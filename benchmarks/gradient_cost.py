@@ -37,12 +37,12 @@ def cost(model: dj.Model, scene: Any, scheme: Any, steps: int) -> dict[str, floa
     static, whole = dj.Tape({"crest": scene.crest}), dj.Tape({"crest": scene.crest})
     alone = dj.Simulation(model, monitors=[static])
     row = {"statics": seconds(lambda: alone.statics(steps=scene.load_steps))}
-    row["gradient of statics"] = seconds(lambda: static.gradient(CREST))
+    row["gradient of statics"] = seconds(lambda: dj.gradient_of(static, CREST))
     run = dj.Simulation(model, monitors=[whole])
     run.statics(steps=scene.load_steps)
     facts = {"dt": TIME_STEP, "steps": steps, "motion": shaking, "scheme": scheme}
     row["motion"] = seconds(lambda: run.dynamics(**facts))
-    row["gradient"] = seconds(lambda: whole.gradient(CREST))
+    row["gradient"] = seconds(lambda: dj.gradient_of(whole, CREST))
     row["parameters"] = 4 * model.contact.operator.num_points
     return row
 

@@ -10,9 +10,7 @@ from boxes import COMM, box
 
 import dolfinx_joints as dj
 
-LAW = dj.FrictionNoTension(
-    normal_stiffness=5e9, shear_stiffness=3e9, friction_coefficient=0.5
-)
+LAW = dj.FrictionNoTension(normal_stiffness=5e9, shear_stiffness=3e9, friction_coefficient=0.5)
 CONCRETE = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
 GAPS = {"middle": "j", "corner": ("j", (0.0, 1.0))}
 POINTS = {"top": (0.0, 2.0)}
@@ -20,17 +18,25 @@ POINTS = {"top": (0.0, 2.0)}
 
 def motion(time):
     """Ground acceleration that makes the upper block slide, rock and lift off, [m/s^2]."""
-    return np.array([8.0 * np.sin(30.0 * time), 3.0 * np.sin(21.0 * time), 12.0 * np.sin(40.0 * time)])
+    return np.array(
+        [8.0 * np.sin(30.0 * time), 3.0 * np.sin(21.0 * time), 12.0 * np.sin(40.0 * time)]
+    )
 
 
 def blocks(law=LAW, comm=COMM, **options):
     """Return a model of two blocks of 2 x 1 m on each other (collective)."""
     mesh = box(
-        (2.0, 2.0), (2, 4), joints={"j": (1, 1.0)}, groups={"base": (1, 0.0), "left": (0, 0.0), "right": (0, 2.0)},
+        (2.0, 2.0),
+        (2, 4),
+        joints={"j": (1, 1.0)},
+        groups={"base": (1, 0.0), "left": (0, 0.0), "right": (0, 2.0)},
         comm=comm,
     )
     given = {"material": CONCRETE, "joints": law, "supports": [dj.Fixed(group="base")]}
-    given |= {"loads": [dj.Gravity()], "damping": dj.stiffness_proportional(ratio=0.02, frequency=20.0)}
+    given |= {
+        "loads": [dj.Gravity()],
+        "damping": dj.stiffness_proportional(ratio=0.02, frequency=20.0),
+    }
     return dj.Model(mesh, **(given | options))
 
 

@@ -135,7 +135,8 @@ def branches_of(count: int, evaluate: Callable[[Any], None]) -> list[Ints]:
 
     ``evaluate`` receives numbers of points, and raises `Branches` if a condition differs.
     """
-    parts, groups = [np.arange(count)] if count else [], []
+    parts: list[Ints] = [np.arange(count)] if count else []
+    groups: list[Ints] = []
     while parts:
         points = parts.pop()
         try:

@@ -3,9 +3,9 @@
 """Derivatives of joint laws by gap, state and parameters, from the laws' own functions of a point.
 
 A step maps the gap g1 at its end, the state z0 at its start (gap, elastic slip, last slips) and the
-parameters p to the traction t and the history y1 (elastic slip, last slips). The function of a point is evaluated with dual
-numbers: no law has separate formulas for its derivatives. Points of all steps of a batch are
-evaluated together, divided by the branches that they take.
+parameters p to the traction t and the history y1 (elastic slip, last slips). The functions of one
+point are evaluated with dual numbers, so the laws need no separate formulas for derivatives. Points
+of several steps are evaluated together, in groups that take the same branches.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats) -> Slopes:
     names, total = parameters_of(law), steps * count
     numbers = np.hstack([gap.reshape(-1, 3), before.reshape(-1, columns)]).T
     inputs = len(numbers) + len(names)
-    answer, slopes = np.zeros((columns, total)), np.zeros((columns, inputs, total))
+    answer = np.zeros((columns, total))
+    slopes: Floats = np.zeros((columns, inputs, total))
 
     def evaluate(points: Ints, *, differentiate: bool = False) -> None:
         """Write the answer of points on one branch, and their derivatives if wanted."""

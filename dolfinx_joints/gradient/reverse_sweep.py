@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Reverse sweep over recorded steps: adjoint equations (51) to (55) of docs/theory/gradients.md."""
+"""Reverse sweep over recorded steps: adjoint equations (41) to (45) of docs/theory."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.common.mpi import of_ranks, summed
+from dolfinx_joints.common.mpi import summed
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.common.summary import Rows, Summarised, names
-from dolfinx_joints.gradient.law_slopes import Slopes, parameters_of, slopes_of
+from dolfinx_joints.gradient.law_slopes import parameters_of, slopes_of
 from dolfinx_joints.gradient.tape import Quantity, Step, Tape
 from dolfinx_joints.gradient.transposed_step import TransposedStep
 from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
@@ -55,6 +56,23 @@ class Gradient(Summarised):
         yield "quantity", f"{self.value:.6g}"
         yield "parameters of points", names(list(self.by_point))
         yield "loads", names(list(self.by_load))
+
+
+def gradient_of(tape: Tape, quantity: Quantity) -> Gradient:
+    """Return the gradient of a quantity by all joint parameters and load factors (collective).
+
+    Args:
+        tape: Tape of a run.
+        quantity: The quantity, a smooth function of the observed values.
+
+    Raises:
+        JointsError: A step is not one step of the joint laws, or a step has no derivative, because
+            a block moves freely.
+        ValueError: The derivative of the quantity has a wrong name or shape.
+    """
+    check_kind_of("tape", tape, isinstance(tape, Tape), "a Tape")
+    check_kind_of("quantity", quantity, isinstance(quantity, Quantity), "a Quantity")
+    return ReverseSweep(tape, quantity).run()
 
 
 class Linearised:
@@ -175,7 +193,7 @@ class ReverseSweep:
         self._add_loads(step, z)
 
     def _solve(self, step: Step, gap_bar: Floats, tangent: Floats) -> tuple[PETSc.Vec, Floats]:
-        """Solve (52), and pass u, v, a to the start of the step by (53) or (54) (collective)."""
+        """Solve (42), and pass u, v, a to the start of the step by (45) (collective)."""
         u, v, a, system = self._u_bar, self._v_bar, self._a_bar, step.solver.system
         b, transposed = u.copy(), self._transposed_of(step)
         transposed.add_gaps(gap_bar, b)
@@ -244,7 +262,7 @@ class ReverseSweep:
         """Pass the derivative by the first acceleration to the loads that cause it (collective).
 
         The static state balances its loads, so M a0 is the difference of dynamic and static loads,
-        whatever the joints. The other terms (55) are zero.
+        whatever the joints are.
         """
         if isinstance(step.scheme, Newmark):
             system, number = step.solver.system, self._tape.steps.index(step)

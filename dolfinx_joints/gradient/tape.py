@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +34,6 @@ from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.step_solver import SolverAround, StepSolver
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
 from dolfinx_joints.time_integration.newmark import Newmark
-
-if TYPE_CHECKING:
-    from dolfinx_joints.gradient.reverse_sweep import Gradient
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +104,7 @@ class Quantity:
 
 @dataclass(eq=False, repr=False)
 class Tape(Monitor):
-    """Monitor that records a run for `gradient`: static stages, then at most one dynamic stage.
+    """Monitor that records a run for `gradient_of`: static stages, then at most one dynamic stage.
 
     Args:
         points: Points whose displacements are observed, by name: coordinates [m] or a `Probe`.
@@ -125,7 +122,7 @@ class Tape(Monitor):
         >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=[dj.Gravity()])
         >>> tape = dj.Tape(gaps={"gap": "joint_1"})
         >>> state = dj.Simulation(model, monitors=[tape]).statics()
-        >>> gradient = tape.gradient(dj.Quantity.at_end("gap", 0))
+        >>> gradient = dj.gradient_of(tape, dj.Quantity.at_end("gap", 0))
         >>> change = gradient.by_joint["normal_stiffness"]["joint_1"]  # weight / k_n^2 [m^2/Pa]
         >>> bool(abs(1e9 * change / -gradient.value - 1.0) < 1e-8)
         True
@@ -186,7 +183,9 @@ class Tape(Monitor):
         if [*state.inactive, *state.absent]:
             raise JointsError(f"Joints are inactive or blocks are absent; {NOT_RECORDED}")
         if state.jumps:
-            raise JointsError(f"The structure jumps, so its state is no smooth function; {NOT_RECORDED}")
+            raise JointsError(
+                f"The structure jumps, so its state is no smooth function; {NOT_RECORDED}"
+            )
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Refuse a second dynamic stage, and support forces that depend on the static state."""
@@ -234,7 +233,9 @@ class Tape(Monitor):
         moved = not np.array_equal(state.gap, gap) or state.elastic_slip.any()
         flags = of_ranks(comm, np.array([moved, before.traction.any()], dtype=float)).max(axis=0)
         if flags[0]:
-            raise JointsError(f"The first stage does not start from the unloaded body; {NOT_RECORDED}")
+            raise JointsError(
+                f"The first stage does not start from the unloaded body; {NOT_RECORDED}"
+            )
         if flags[1] and partial:
             raise JointsError(
                 "Joints have tractions at the start, because of initial overlaps: gradients then "
@@ -263,19 +264,6 @@ class Tape(Monitor):
         static = sum(step.scheme is None for step in self.steps)
         times = np.array([step.times[1] for step in self.steps])
         return History(times=times, static=static, values=values)
-
-    def gradient(self, quantity: Quantity) -> Gradient:
-        """Return the gradient of a quantity by all joint parameters and load factors (collective).
-
-        Raises:
-            JointsError: A step is not one step of the joint laws, or a step has no derivative,
-                because a block moves freely.
-            ValueError: The derivative of the quantity has a wrong name or shape.
-        """
-        from dolfinx_joints.gradient.reverse_sweep import ReverseSweep
-
-        check_kind_of("quantity", quantity, isinstance(quantity, Quantity), "a Quantity")
-        return ReverseSweep(self, quantity).run()
 
 
 NOT_RECORDED = "gradients do not include this case."

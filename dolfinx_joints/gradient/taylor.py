@@ -17,7 +17,7 @@ from dolfinx_joints.common.mpi import of_ranks, summed
 from dolfinx_joints.common.parameters import finite, shown
 from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.gradient.law_slopes import DERIVED, parameters_of
-from dolfinx_joints.gradient.reverse_sweep import Gradient
+from dolfinx_joints.gradient.reverse_sweep import Gradient, gradient_of
 from dolfinx_joints.gradient.tape import Quantity, Tape
 from dolfinx_joints.joints.law_points import LawPoints
 from dolfinx_joints.model.model import Model
@@ -108,7 +108,7 @@ def taylor_test(
     assert tape.model is not None
     if len(sizes) < 2 or not (np.diff([*sizes, 0.0]) < 0.0).all():
         raise ValueError(f"sizes is {shown(sizes)}; it must be descending positive numbers.")
-    gradient = tape.gradient(quantity) if gradient is None else gradient
+    gradient = gradient_of(tape, quantity) if gradient is None else gradient
     fields, loads = _split(tape, gradient, change)
     comm = tape.contact.operator.comm
     of_points = [float(gradient.by_point[name] @ values) for name, values in fields.items()]
@@ -147,13 +147,14 @@ def changed_model(
     for part in contact.parts:
         names = [name for name in parameters_of(part.law) if name in fields]
         given = [fields[name][part.points] for name in names]
-        rows = np.array(given).reshape(len(names), len(part.points))
+        rows: Any = np.array(given).reshape(len(names), len(part.points))
         values, number = np.unique(rows, axis=1, return_inverse=True)
         for i, row in enumerate(values.T):
             new = {n: getattr(part.law, n) + size * d for n, d in zip(names, row, strict=True)}
             if "friction_coefficient" in new:
                 new[DERIVED] = None
-            parts.append(LawPoints(replace(part.law, **new), part.points[number.ravel() == i]))
+            law: Any = part.law
+            parts.append(LawPoints(replace(law, **new), part.points[number.ravel() == i]))
     contact.set_parts(parts)
     if "initial_gap" in fields:
         contact.initial_gap = contact.initial_gap.copy()
@@ -174,9 +175,11 @@ def changed_model(
 
 def _split(
     tape: Tape, gradient: Gradient, change: Change
-) -> tuple[dict[str, Floats], dict[str, float]]:
+) -> tuple[dict[str, Any], dict[str, float]]:
     """Return the changes of joint parameters at the local points, and those of load factors."""
-    operator, fields, loads = tape.contact.operator, {}, {}
+    operator = tape.contact.operator
+    fields: dict[str, Any] = {}
+    loads: dict[str, float] = {}
     for name, values in change.items():
         if name in gradient.by_point:
             fields[name] = np.zeros(len(operator.joint))
@@ -190,6 +193,6 @@ def _split(
         elif name in gradient.by_load and finite(values):
             loads[name] = float(values)
         else:
-            known = ", ".join([*gradient.by_point, *gradient.by_load])
-            raise ValueError(f"{shown(name)} is not a parameter; the gradient contains {known}.")
+            names = ", ".join([*gradient.by_point, *gradient.by_load])
+            raise ValueError(f"{shown(name)} is not a parameter; the gradient contains {names}.")
     return fields, loads

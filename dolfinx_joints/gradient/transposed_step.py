@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Solution of the transposed linearised equation of a step, with the factor of the forward run.
 
-With the tangents D of the laws, (A + B^T w D^T B) z = b (52) is condensed onto the joints in the
-same way as the step itself: q = B z are the adjoint gaps, and the adjoint forces solve (53), which
+With the tangents D of the laws, (A + B^T w D^T B) z = b (42) is condensed onto the joints in the
+same way as the step itself: q = B z are the adjoint gaps, and the adjoint forces solve (43), which
 has the form (24) of Newton's corrections with transposed tangents.
 """
 
@@ -26,7 +26,7 @@ from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 # most corrections. Each correction gains at least the digits of single precision or compression.
 TARGET, ACCEPTED, CORRECTIONS = 1e-11, 1e-8, 12
 
-# Residual of (52) relative to b that is not refined in statics, and most refinements.
+# Residual of (42) relative to b that is not refined in statics, and most refinements.
 REFINED, REFINEMENTS = 1e-13, 3
 
 
@@ -134,9 +134,7 @@ class TransposedStep:
         residual.pointwiseMult(residual, self._free)
         return residual
 
-    def _forces(
-        self, condensed: Condensed, scaled: Floats, target: Floats
-    ) -> tuple[Floats, float]:
+    def _forces(self, condensed: Condensed, scaled: Floats, target: Floats) -> tuple[Floats, float]:
         """Return f of (I + T S) f = target, shape (m,), and its relative residual (collective)."""
         corrections, comm = condensed.corrections, self._operator.comm
         force, residual = np.zeros_like(target), target.copy()

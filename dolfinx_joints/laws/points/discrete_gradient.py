@@ -22,7 +22,6 @@ own traction. The state of closed points is psi = k_n g^2 / 2 [J/m^2] and q = sq
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np

@@ -21,7 +21,6 @@ from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.loads.load import Load, always, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.statics.construction import with_inactive
 from dolfinx_joints.simulation.statics.joint_water_iteration import JointWaterIteration
@@ -50,7 +49,7 @@ def march(
     apart: Floats | None = None,
     allow_jumps: bool = False,
     reached: Callable[[float, StaticState], None] | None = None,
-    monitors: Sequence[Monitor] = (),
+    accepted: Sequence[Callable[..., None]] = (),
 ) -> StaticState:
     """Return the equilibrium at the end of a path of load steps (collective).
 
@@ -59,7 +58,8 @@ def march(
     to the change of loads and prescribed displacements since ``before``. Only the loads ``acting``
     of the model act. Without a ``stage`` all joints and blocks act. ``apart`` are additional
     tractions on joint faces, shape (n, 3), [Pa]; all other loads are then constant. The function
-    ``reached`` is called with time [s] and state after each step.
+    ``reached`` is called with time [s] and state after each step, and the functions ``accepted``
+    with equilibrium, solution and increment after each increment (`Monitor.increment`).
 
     Raises:
         JumpError: No equilibrium without a jump was found and ``allow_jumps`` is false.
@@ -84,8 +84,8 @@ def march(
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
     for increment, solved in _solve_increments(last, increments, jumps, kind, watch):
         free_petsc_garbage(model.jointed.mesh.comm)
-        for monitor in monitors:
-            monitor.increment(last, solved, increment)
+        for process in accepted:
+            process(last, solved, increment)
         progress.advance(int(increment.whole))
         if reached is not None and increment.whole:
             facts |= {"cuts": increments.cuts, "jumps": jumps.of_step(increment.step)}

@@ -24,6 +24,18 @@ class Branches(Exception):  # noqa: N818 - not an error, but a request to divide
         self.true = true
 
 
+def _comparison(compare: Any) -> Any:
+    """Return a comparison of values; it raises `Branches` if the result differs between points."""
+
+    def decide(self: Dual, other: Any) -> bool:
+        flags = compare(self.value, other.value if isinstance(other, Dual) else other)
+        if (flags != flags[0]).any():
+            raise Branches(flags)
+        return bool(flags[0])
+
+    return decide
+
+
 class Dual:
     """Value of a scalar at ``n`` points, and its derivatives by ``k`` inputs.
 
@@ -44,24 +56,9 @@ class Dual:
     def __add__(self, other: Any) -> Any:
         if isinstance(other, Dual):
             return Dual(self.value + other.value, self.slope + other.slope)
-        if isinstance(other, np.ndarray):
+        if isinstance(other, np.ndarray):  # NumPy then adds each entry of the array.
             return NotImplemented
         return Dual(self.value + other, self.slope)
-
-    __radd__ = __add__
-
-    def __neg__(self) -> Dual:
-        return Dual(-self.value, -self.slope)
-
-    def __sub__(self, other: Any) -> Any:
-        if isinstance(other, Dual):
-            return Dual(self.value - other.value, self.slope - other.slope)
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        return Dual(self.value - other, self.slope)
-
-    def __rsub__(self, other: Any) -> Any:
-        return Dual(other - self.value, -self.slope)
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, Dual):
@@ -71,20 +68,21 @@ class Dual:
             return NotImplemented
         return Dual(self.value * other, self.slope * other)
 
-    __rmul__ = __mul__
+    def __neg__(self) -> Dual:
+        return Dual(-self.value, -self.slope)
 
-    def __truediv__(self, other: Any) -> Any:
-        if isinstance(other, Dual):
-            inverse = 1.0 / other.value
-            value = self.value * inverse
-            return Dual(value, (self.slope - other.slope * value) * inverse)
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        return Dual(self.value / other, self.slope / other)
+    def __sub__(self, other: Any) -> Any:
+        return self + -other
 
-    def __rtruediv__(self, other: Any) -> Any:
+    def __rsub__(self, other: Any) -> Any:
+        return -self + other
+
+    def __rtruediv__(self, other: Any) -> Dual:
         value = other / self.value
         return Dual(value, self.slope * (-value / self.value))
+
+    def __truediv__(self, other: Any) -> Any:
+        return self * (1.0 / other)
 
     def __pow__(self, power: int) -> Dual:
         return Dual(self.value**power, power * self.value ** (power - 1) * self.slope)
@@ -98,36 +96,13 @@ class Dual:
     def __abs__(self) -> Dual:
         return -self if self < 0.0 else self
 
-    def _decide(self, flags: Flags) -> bool:
-        """Return the result of a condition; raise `Branches` if it differs between points."""
-        first = bool(flags[0])
-        if (flags != first).any():
-            raise Branches(flags)
-        return first
-
     def __bool__(self) -> bool:
-        return self._decide(self.value != 0.0)
+        return not self == 0.0
 
-    def __lt__(self, other: Any) -> bool:
-        return self._decide(self.value < _value(other))
-
-    def __le__(self, other: Any) -> bool:
-        return self._decide(self.value <= _value(other))
-
-    def __gt__(self, other: Any) -> bool:
-        return self._decide(self.value > _value(other))
-
-    def __ge__(self, other: Any) -> bool:
-        return self._decide(self.value >= _value(other))
-
-    def __eq__(self, other: object) -> bool:
-        return self._decide(self.value == _value(other))
-
-    __hash__ = None  # type: ignore[assignment]
-
-
-def _value(number: Any) -> Any:
-    return number.value if isinstance(number, Dual) else number
+    __radd__, __rmul__, __hash__ = __add__, __mul__, None  # type: ignore[assignment]
+    __lt__, __le__ = _comparison(np.less), _comparison(np.less_equal)
+    __gt__, __ge__ = _comparison(np.greater), _comparison(np.greater_equal)
+    __eq__ = _comparison(np.equal)
 
 
 def branches_of(count: int, evaluate: Callable[[Any], None]) -> list[Ints]:
@@ -141,8 +116,7 @@ def branches_of(count: int, evaluate: Callable[[Any], None]) -> list[Ints]:
         points = parts.pop()
         try:
             evaluate(points)
+            groups.append(points)
         except Branches as branches:
             parts += [points[branches.true], points[~branches.true]]
-        else:
-            groups.append(points)
     return groups

@@ -226,7 +226,7 @@ class ReverseSweep:
     def _add_weights(self, k: int) -> None:
         """Add the derivatives of the quantity by the values observed after step ``k``."""
         tape = self._tape
-        for i, name in enumerate(tape.observed_points):
+        for i, name in enumerate(tape.probes):
             if name in self._weights:
                 tape.probe.add(self._u_bar, i, self._weights[name][k])
         for name, weights in tape.weights.items():

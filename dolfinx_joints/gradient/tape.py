@@ -137,13 +137,13 @@ class Tape(Monitor):
 
     def __post_init__(self) -> None:
         """Check the observed values; they are located when a simulation is created."""
-        self._probes: dict[str, Probe] = check_points(self.points) if self.points else {}
+        self.probes: dict[str, Probe] = check_points(self.points) if self.points else {}
         given = {} if self.gaps is None else self.gaps
         check_kind_of("gaps", given, isinstance(given, Mapping), "joints by name")
         self._places = {name: _joint_and_place(name, joint) for name, joint in given.items()}
-        if both := self._probes.keys() & self._places.keys():
+        if both := self.probes.keys() & self._places.keys():
             raise ValueError(f"{both.pop()!r} is the name of a point and of a gap; choose another.")
-        if not (self._probes or self._places):
+        if not (self.probes or self._places):
             raise ValueError("A Tape observes nothing; give points= or gaps=.")
         self.model: Model | None = None
         self._last: JointState | None = None
@@ -151,96 +151,80 @@ class Tape(Monitor):
         self._ended = False
 
     def check(self, model: Model) -> None:
-        """Check that the model is supported, and locate the observed values (collective)."""
+        """Check that the laws are supported, and locate the observed values (collective)."""
         if self.model is not None:
             raise JointsError("A Tape records one run; give each Simulation a new Tape.")
-        self.model, self.contact = model, _supported_contact(model)
-        nodes, self.observed_points = NodeNumbering(model.V), tuple(self._probes)
-        self.probe = PointProbe(model, list(self._probes.values()), nodes)
+        if model.contact is None:
+            raise JointsError("The model has no joints; a Tape records joints.")
+        for name, law in model.contact.laws.items():
+            if type(law) not in SUPPORTED:
+                names = " and ".join(kind.__name__ for kind in SUPPORTED)
+                raise JointsError(
+                    f"Joint {name!r} has the law {type(law).__name__}; gradients support {names}."
+                )
+        self.model, self.contact = model, model.contact
+        self.probe = PointProbe(model, list(self.probes.values()), NodeNumbering(model.V))
         self.weights = {n: _weights(self.contact, *place) for n, place in self._places.items()}
 
     def increment(self, equilibrium: Any, solved: Any, increment: Any) -> None:
         """Record an increment of a static stage (collective)."""
-        if self._ended:
-            raise JointsError(f"A static stage follows a dynamic stage; {NOT_RECORDED}")
-        if solved.before is None or solved.after is None:
-            raise JointsError(f"No joint acts in the stage; {NOT_RECORDED}")
-        self._begin(solved.before, partial=increment.share < 1.0)
+        _refuse("A static stage follows a dynamic stage", self._ended)
+        _refuse("No joint acts in the stage", solved.before is None or solved.after is None)
+        self._begin(solved.before, needs_balance=increment.share < 1.0)
         time = increment.time or 0.0
-        step = Step(
-            solver=_condensed(equilibrium.solver),
-            scheme=None,
-            times=(time, time),
-            loads=solved.loads[1] if increment.share < 1.0 else None,
-        )
+        loads = solved.loads[1] if increment.share < 1.0 else None
+        solver = _condensed(equilibrium.solver)
+        step = Step(solver=solver, scheme=None, times=(time, time), loads=loads)
         self._end(step, solved.after, equilibrium.displacement)
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
-        """Refuse grouting and construction stages."""
+        """Refuse grouting, construction stages and jumps."""
         state = stages[-1].state
-        if state.joints is None or state.joints.state is not self._last:
-            raise JointsError(f"Grouting changes joint states; {NOT_RECORDED}")
-        if [*state.inactive, *state.absent]:
-            raise JointsError(f"Joints are inactive or blocks are absent; {NOT_RECORDED}")
-        if state.jumps:
-            raise JointsError(
-                f"The structure jumps, so its state is no smooth function; {NOT_RECORDED}"
-            )
+        same = state.joints is not None and state.joints.state is self._last
+        _refuse("Joints are inactive or blocks are absent", bool(state.inactive or state.absent))
+        _refuse("Grouting changes joint states", not same)
+        _refuse("The structure jumps, so its state is no smooth function", bool(state.jumps))
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Refuse a second dynamic stage, and support forces that depend on the static state."""
-        if self._ended:
-            raise JointsError(f"A second dynamic stage follows; {NOT_RECORDED}")
-        if model.absorbing:
-            raise JointsError(f"Viscous boundaries carry static reactions; {NOT_RECORDED}")
+        _refuse("A second dynamic stage follows", self._ended)
+        _refuse("Viscous boundaries carry static reactions", bool(model.absorbing))
         self._ended = True
 
     def resume(self, *_: Any) -> None:
         """Refuse a restarted run."""
-        raise JointsError(f"The run continues from a checkpoint; {NOT_RECORDED}")
+        _refuse("The run continues from a checkpoint", True)
 
     def substep(self, stepper: Any, before: Any, after: Any, report: Any) -> None:
         """Record an accepted time step (collective)."""
-        scheme, system = stepper.scheme, stepper.solver.system
-        exact = getattr(scheme, "exact_modes", 0)
-        if type(scheme) not in (EnergyConsistent, Newmark) or exact:
+        scheme, newmark = stepper.scheme, isinstance(stepper.scheme, Newmark)
+        if type(scheme) not in (EnergyConsistent, Newmark) or getattr(scheme, "exact_modes", 0):
             raise JointsError(
                 f"The time scheme is {shown(scheme)}; gradients need EnergyConsistent without "
                 "exact modes, or Newmark."
             )
-        if system.shared is not None:
-            raise JointsError(f"The run shares its matrices with others; {NOT_RECORDED}")
-        newmark = isinstance(scheme, Newmark)
-        self._begin(before.joints, partial=newmark)
+        self._begin(before.joints, needs_balance=newmark)
         step = Step(
             solver=_condensed(stepper.solver),
             scheme=scheme,
             times=(before.time, after.time),
             dt=report.dt,
-            rate=0.0 if newmark else after.rate,
+            rate=after.rate,
             rate_before=before.rate,
         )
         self._end(step, after.joints, after.displacement)
 
-    def _begin(self, before: Any, *, partial: bool) -> None:
+    def _begin(self, before: Response, *, needs_balance: bool) -> None:
         """Check that a step starts from the last recorded state (collective)."""
-        comm = self.contact.operator.comm
+        state = before.state
         if self.states:
-            if before.state is not self._last:
-                raise JointsError(f"A stage does not start from the last one; {NOT_RECORDED}")
+            _refuse("A stage does not start from the last one", state is not self._last)
             return
-        state, gap = before.state, self.contact.initial_gap
-        moved = not np.array_equal(state.gap, gap) or state.elastic_slip.any()
-        flags = of_ranks(comm, np.array([moved, before.traction.any()], dtype=float)).max(axis=0)
-        if flags[0]:
-            raise JointsError(
-                f"The first stage does not start from the unloaded body; {NOT_RECORDED}"
-            )
-        if flags[1] and partial:
-            raise JointsError(
-                "Joints have tractions at the start, because of initial overlaps: gradients then "
-                "need a first static stage with one step."
-            )
+        moved = not np.array_equal(state.gap, self.contact.initial_gap) or state.elastic_slip.any()
+        flags = np.array([moved, needs_balance and before.traction.any()], dtype=float)
+        moved, overlaps = of_ranks(self.contact.operator.comm, flags).max(axis=0)
+        _refuse("The first stage does not start from the unloaded body", bool(moved))
+        _refuse("Initial overlaps load the body before a static stage of one step", bool(overlaps))
         self.states.append(_columns(state))
 
     def _end(self, step: Step, joints: Response, displacement: PETSc.Vec) -> None:
@@ -252,12 +236,11 @@ class Tape(Monitor):
 
     def history(self) -> History:
         """Return the observed values of all steps (collective)."""
-        steps = len(self.steps)
-        if not steps:
+        if not self.steps:
             raise JointsError("The tape is empty; pass it to Simulation(monitors=[...]), then run.")
-        shape = (steps, *self.probe.dofs.shape)
+        shape = (len(self.steps), *self.probe.dofs.shape)
         displacements = self.probe.of_all_ranks(np.array(self._local).reshape(shape))
-        values = {name: displacements[:, i] for i, name in enumerate(self._probes)}
+        values = {name: displacements[:, i] for i, name in enumerate(self.probes)}
         for name, weights in self.weights.items():
             local = np.array([weights @ state[:, :3] for state in self.states[1:]])
             values[name] = summed(self.contact.operator.comm, local)
@@ -266,7 +249,10 @@ class Tape(Monitor):
         return History(times=times, static=static, values=values)
 
 
-NOT_RECORDED = "gradients do not include this case."
+def _refuse(case: str, given: bool) -> None:
+    """Raise the error for a case that gradients do not include."""
+    if given:
+        raise JointsError(f"{case}; gradients do not include this case.")
 
 
 def _columns(state: JointState) -> Floats:
@@ -275,34 +261,17 @@ def _columns(state: JointState) -> Floats:
     return np.hstack([state.gap, state.elastic_slip, *slips])
 
 
-def _supported_contact(model: Model) -> Contact:
-    """Return the joints of a model; refuse models whose gradients are not implemented."""
-    contact, system = model.contact, model.system()
-    refused = {
-        "Plastic cells": model.bulk is not None,
-        "Waves in a reservoir": model.coupled is not None,
-        "Water that follows the openings of joints": system.water is not None,
-        "Damping ratios of modes": model.damped_modes is not None,
-        "Unsymmetric matrices": not system.symmetric,
-    }
-    for name, given in refused.items():
-        if given:
-            raise JointsError(f"{name} are not supported by gradients; remove the Tape.")
-    if contact is None:
-        raise JointsError("The model has no joints; a Tape records joints.")
-    for name, law in contact.laws.items():
-        if type(law) not in SUPPORTED:
-            names = " and ".join(kind.__name__ for kind in SUPPORTED)
-            raise JointsError(
-                f"Joint {name!r} has the law {type(law).__name__}; gradients support {names}."
-            )
-    return contact
-
-
 def _condensed(solver: StepSolver) -> InterfaceSolver:
-    """Return the condensed solver inside wrappers."""
+    """Return the condensed solver inside wrappers; refuse systems that are not supported."""
     while isinstance(solver, SolverAround):
         solver = solver.inner
+    system = solver.system
+    _refuse("Water follows the openings of joints", system.water is not None)
+    _refuse("A reservoir has waves", system.coupled is not None)
+    _refuse("The body has plastic cells", system.bulk is not None)
+    _refuse("The damping has ratios of modes", system.damped_modes is not None)
+    _refuse("Matrices are unsymmetric", not system.symmetric)
+    _refuse("Several runs share their matrices", system.shared is not None)
     if not isinstance(solver, InterfaceSolver):
         raise JointsError(
             f"The solver is {solver.name!r}; gradients need Simulation(solver='condensed')."
@@ -316,10 +285,10 @@ def _joint_and_place(name: str, given: Any) -> tuple[str, Floats | None]:
         return given, None
     pair = isinstance(given, Sequence) and len(given) == 2 and isinstance(given[0], str)
     check_kind_of(f"The gap {shown(name)}", given, pair, "a joint, or a joint and coordinates")
-    place, (joint, coordinates) = np.zeros(3), given
-    numbers = check_vector(f"The gap {shown(name)}", coordinates, (2, 3))
+    place = np.zeros(3)
+    numbers = check_vector(f"The gap {shown(name)}", given[1], (2, 3))
     place[: len(numbers)] = numbers
-    return joint, place
+    return given[0], place
 
 
 def _weights(contact: Contact, joint: str, place: Floats | None) -> Floats:
@@ -328,15 +297,12 @@ def _weights(contact: Contact, joint: str, place: Floats | None) -> Floats:
     if joint not in operator.names:
         raise JointsError(no_such_joint(joint, operator.names))
     in_joint = (operator.joint == operator.names.index(joint)) & ~contact.tied
-    if place is None:
-        areas = np.where(in_joint, operator.areas, 0.0)
-        return areas / operator.comm.allreduce(float(areas.sum()))
-    assert operator.points is not None
-    distance = np.where(in_joint, np.linalg.norm(operator.points - place, axis=1), np.inf)
-    nearest = int(np.argmin(distance)) if len(distance) else 0
-    smallest = float(distance.min(initial=np.inf))
-    _, rank = min((d, r) for r, d in enumerate(operator.comm.allgather(smallest)))
-    weights = np.zeros(len(distance))
-    if rank == operator.comm.rank:
-        weights[nearest] = 1.0
-    return weights
+    weights = np.where(in_joint, operator.areas, 0.0)
+    if place is not None:
+        assert operator.points is not None
+        distance = np.where(in_joint, np.linalg.norm(operator.points - place, axis=1), np.inf)
+        shortest = operator.comm.allgather(float(distance.min(initial=np.inf)))
+        weights[:] = 0.0
+        if operator.comm.rank == int(np.argmin(shortest)):
+            weights[int(np.argmin(distance))] = 1.0
+    return weights / operator.comm.allreduce(float(weights.sum()))

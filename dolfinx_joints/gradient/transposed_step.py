@@ -22,12 +22,9 @@ from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients, unconstr
 from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 
-# Target residual of the adjoint forces relative to their right-hand side, largest accepted one, and
-# most corrections. Each correction gains at least the digits of single precision or compression.
+# Target residual relative to the right-hand side, of adjoint forces and of (42) in statics; largest
+# accepted residual; most corrections of the forces, which gain the digits of single precision each.
 TARGET, ACCEPTED, CORRECTIONS = 1e-11, 1e-8, 12
-
-# Residual of (42) relative to b that is not refined in statics, and most refinements.
-REFINED, REFINEMENTS = 1e-13, 3
 
 
 class TransposedStep:
@@ -39,17 +36,14 @@ class TransposedStep:
 
     def __init__(self, solver: InterfaceSolver) -> None:
         """Create the work vectors (collective)."""
-        self._solver = solver
-        self._contact = solver.system.contact
-        assert self._contact is not None
-        self._operator = self._contact.operator
+        assert solver.system.contact is not None
+        self._solver, self._operator = solver, solver.system.contact.operator
         self._free = unconstrained_dofs(solver.system)
         self._nodal, self._change = self._free.duplicate(), self._free.duplicate()
 
     def add_gaps(self, gaps: Floats, out: PETSc.Vec) -> None:
         """Add B^T times values of the points, shape (n, 3), to a nodal vector (collective)."""
-        self._operator.force(gaps / self._operator.areas[:, None], self._nodal)
-        out.axpy(1.0, self._nodal)
+        out.axpy(1.0, self._operator.force(gaps / self._operator.areas[:, None], self._nodal))
 
     def solve(
         self, coefficients: MatrixCoefficients, rule: Rule, tangent: Floats, b: PETSc.Vec
@@ -61,6 +55,9 @@ class TransposedStep:
             rule: Rule of the step.
             tangent: D^T of the points, shape (n, 3, 3), [Pa/m].
             b: Right-hand side.
+
+        Raises:
+            JointsError: The equation is singular.
         """
         condensed = self._solver.condensed(coefficients, rule)
         own = np.repeat(condensed.compliance.own, (1, 2), axis=1)
@@ -72,7 +69,17 @@ class TransposedStep:
         scaled = scaled * condensed.scale.reshape(-1, 1, 3)
         z, relative = self._response(condensed, scaled, b)
         if condensed.static:
-            z, relative = self._refined(condensed, scaled, tangent, b, z)
+            # Soft springs and large rigid motions amplify rounding errors: refine z. If a block can
+            # move freely, this may fail although the part of z that matters is determined.
+            zero, last = b.duplicate(), np.inf
+            zero.set(0.0)
+            size = float(self._residual(condensed, tangent, b, zero).norm()) or 1.0
+            trial = z
+            while (norm := (r := self._residual(condensed, tangent, b, trial)).norm()) < 0.5 * last:
+                z, last, relative = trial, norm, norm / size
+                if relative <= TARGET:
+                    break
+                trial = z + self._response(condensed, scaled, r)[0]
         if not relative <= ACCEPTED:
             raise JointsError(
                 "The linearised equation of a step is singular: a block can move freely, and the "
@@ -80,42 +87,17 @@ class TransposedStep:
             )
         return z, self._operator.jump(z)
 
-    def _refined(
-        self, condensed: Condensed, scaled: Floats, tangent: Floats, b: PETSc.Vec, z: PETSc.Vec
-    ) -> tuple[PETSc.Vec, float]:
-        """Return z refined by its residual, and the relative residual (collective).
-
-        Soft springs and large rigid motions amplify rounding errors. If a block can move freely, a
-        refinement may fail although the part of z that matters is determined.
-        """
-        free = b.duplicate()
-        free.pointwiseMult(b, self._free)
-        size = float(free.norm()) or 1.0
-        residual = self._residual(condensed, tangent, b, z)
-        for _ in range(REFINEMENTS):
-            last = float(residual.norm())
-            if last <= REFINED * size:
-                break
-            trial = z + self._response(condensed, scaled, residual)[0]
-            residual = self._residual(condensed, tangent, b, trial)
-            if float(residual.norm()) >= last:
-                return z, last / size
-            z = trial
-        return z, float(residual.norm()) / size
-
     def _response(
         self, condensed: Condensed, scaled: Floats, b: PETSc.Vec
     ) -> tuple[PETSc.Vec, float]:
         """Return z for a right-hand side, and the relative residual of the forces (collective)."""
-        z, matrix, compliance = b.duplicate(), condensed.matrix, condensed.compliance
+        z, matrix, scale = b.duplicate(), condensed.matrix, condensed.compliance.scale
         self._nodal.pointwiseMult(b, self._free)
         matrix.solve(self._nodal, z)
-        gaps = self._operator.jump(z).ravel() / compliance.scale
-        target = np.einsum("nij,nj->ni", scaled, gaps.reshape(-1, 3)).ravel()
-        force, relative = self._forces(condensed, scaled, target)
-        self._operator.force(
-            (force / compliance.scale).reshape(-1, 3) / self._operator.areas[:, None], self._nodal
-        )
+        gaps = self._operator.jump(z).ravel() / scale
+        force, relative = self._forces(condensed, scaled, _times(scaled, gaps))
+        tractions = (force / scale).reshape(-1, 3) / self._operator.areas[:, None]
+        self._operator.force(tractions, self._nodal)
         self._nodal.pointwiseMult(self._nodal, self._free)
         matrix.solve(self._nodal, self._change)
         z.axpy(-1.0, self._change)
@@ -129,7 +111,7 @@ class TransposedStep:
         residual = b.duplicate()
         condensed.matrix.multiply(z, residual)
         residual.aypx(-1.0, b)
-        traction = np.einsum("nij,nj->ni", tangent, self._operator.jump(z))
+        traction = _times(tangent, self._operator.jump(z)).reshape(-1, 3)
         residual.axpy(-1.0, self._operator.force(traction, self._nodal))
         residual.pointwiseMult(residual, self._free)
         return residual
@@ -137,22 +119,24 @@ class TransposedStep:
     def _forces(self, condensed: Condensed, scaled: Floats, target: Floats) -> tuple[Floats, float]:
         """Return f of (I + T S) f = target, shape (m,), and its relative residual (collective)."""
         corrections, comm = condensed.corrections, self._operator.comm
-        force, residual = np.zeros_like(target), target.copy()
+        force, residual, last = np.zeros_like(target), target, np.inf
         largest = size = _largest(comm, target)
+        trial = force
         for _ in range(CORRECTIONS):
+            if not size < last:
+                break
+            force, last = trial, size
             if size <= TARGET * largest:
                 break
-            last = size
-            correction = corrections.solve(residual, scaled, 0.0, 1e-6, couples=False)
-            trial = force + correction.step
-            coupled = corrections.product(trial).reshape(-1, 3)
-            residual = target - trial - np.einsum("nij,nj->ni", scaled, coupled).ravel()
+            trial = force + corrections.solve(residual, scaled, 0.0, 1e-6, couples=False).step
+            residual = target - trial - _times(scaled, corrections.product(trial))
             size = _largest(comm, residual)
-            if not size < last:
-                size = last
-                break
-            force = trial
-        return force, size / (largest or 1.0)
+        return force, last / (largest or 1.0)
+
+
+def _times(blocks: Floats, values: Floats) -> Floats:
+    """Return blocks (n, 3, 3) times values of the points, shape (3 n,)."""
+    return np.einsum("nij,nj->ni", blocks, values.reshape(-1, 3)).ravel()
 
 
 def _largest(comm: Any, values: Floats) -> float:

@@ -40,12 +40,18 @@ def test_laws(law, kind):
         tape_of(blocks(law))
 
 
-def test_models():
-    with pytest.raises(dj.JointsError, match="Damping ratios of modes are not supported"):
-        tape_of(blocks(damping=dj.ModalRatios(ratio=0.05, modes=2)))
-    water = dj.JointWater(joint="j", level=2.0)
-    with pytest.raises(dj.JointsError, match="Water that follows the openings"):
-        tape_of(blocks(loads=[dj.Gravity(), water]))
+@pytest.mark.parametrize(
+    ("options", "case"),
+    [
+        ({"damping": dj.ModalRatios(ratio=0.05, modes=3)}, "The damping has ratios of modes"),
+        ({"loads": [dj.Gravity(), dj.JointWater(joint="j", level=2.0)]}, "Water follows"),
+        ({"body": dj.Body(symmetric=False)}, "Matrices are unsymmetric"),
+    ],
+)
+def test_models(options, case):
+    _, run = tape_of(blocks(**options))
+    with pytest.raises(dj.JointsError, match=case):
+        run.dynamics(dt=1e-3, steps=1, motion=motion)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +107,7 @@ def test_solver():
 def test_initial_overlap():
     law = dj.Joints(LAW, initial_gaps={"j": -1e-6})
     _, run = tape_of(blocks(law))
-    with pytest.raises(dj.JointsError, match="because of initial overlaps"):
+    with pytest.raises(dj.JointsError, match="Initial overlaps load the body"):
         run.statics(steps=2)
 
 

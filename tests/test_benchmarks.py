@@ -23,6 +23,7 @@ from benchmarks import (
     error_against_time,
     error_bars,
     exact_modes,
+    gradient_cost,
     jointed_wall,
     large_bodies,
     opensees_wall,
@@ -62,6 +63,15 @@ def test_jointed_wall(capsys):
         assert row["ledger"] < 1e-9
         assert row["linear_ms"] > 0.0
         assert 0.0 < row["joints_iteration_ms"] < row["joints_ms"]
+
+
+@pytest.mark.mpi
+def test_gradient_cost(capsys):
+    gradient_cost.main(["--quick"])
+    lines = capsys.readouterr().out.splitlines()
+    # Four parameters at 3 x 3 x 9 points (see above), once for each scheme.
+    assert [line.split()[1] for line in lines] == ["324"] * 2 * (MPI.COMM_WORLD.rank == 0)
+    assert all(float(line.split()[-1]) > 0.0 for line in lines)
 
 
 @pytest.mark.mpi

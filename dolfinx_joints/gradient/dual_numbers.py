@@ -97,7 +97,7 @@ class Dual:
         return -self if self < 0.0 else self
 
     def __bool__(self) -> bool:
-        return not self == 0.0
+        return self != 0.0
 
     __radd__, __rmul__, __hash__ = __add__, __mul__, None  # type: ignore[assignment]
     __lt__, __le__ = _comparison(np.less), _comparison(np.less_equal)

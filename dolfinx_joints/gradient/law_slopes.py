@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -40,31 +40,22 @@ def parameters_of(law: Any) -> tuple[str, ...]:
     return tuple(name for name in names if getattr(law, name))
 
 
-@dataclass(frozen=True)
-class Slopes:
-    """Values and derivatives of a law at points of one or several steps.
-
-    Attributes:
-        answer: t and y1, shape (columns, steps, n).
-        by_input: d (t, y1) / d (g1, z0, p), shape (steps, columns, 3 + columns + parameters, n).
-    """
-
-    answer: Floats
-    by_input: Floats
-
-
-def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats) -> Slopes:
-    """Return the derivatives of a law in steps.
+def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats) -> tuple[Floats, Floats]:
+    """Return the values of t and y1, and their derivatives by g1, z0 and p, at ``n`` points.
 
     Args:
         law: One of the `SUPPORTED` laws.
         rule: Rule of the steps.
-        before: States at the start, shape (steps, n, 5 or 10).
-        gap: Gaps at the end, shape (steps, n, 3), [m].
+        before: States z0 at the start, shape (steps, n, columns) with 5 or 10 columns.
+        gap: Gaps g1 at the end, shape (steps, n, 3), [m].
+
+    Returns:
+        The values, shape (columns, steps, n), and the derivatives, shape
+        (steps, columns, 3 + columns + parameters, n).
     """
     steps, count, columns = before.shape
     names, total = parameters_of(law), steps * count
-    numbers = np.hstack([gap.reshape(-1, 3), before.reshape(-1, columns)]).T
+    numbers: Any = np.hstack([gap.reshape(-1, 3), before.reshape(-1, columns)]).T
     inputs = len(numbers) + len(names)
     answer = np.zeros((columns, total))
     slopes: Floats = np.zeros((columns, inputs, total))
@@ -87,12 +78,12 @@ def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats) -> Slopes:
         for row, output in enumerate(outputs):
             answer[row, points] = output.value if isinstance(output, Dual) else output
             if differentiate and isinstance(output, Dual):
-                slopes[row][:, points] = output.slope
+                slopes[row, :, points] = output.slope.T
 
     for points in branches_of(total, evaluate):
         evaluate(points, differentiate=True)
     by_step = slopes.reshape(columns, inputs, steps, count).transpose(2, 0, 1, 3)
-    return Slopes(answer.reshape(columns, steps, count), np.ascontiguousarray(by_step))
+    return answer.reshape(columns, steps, count), np.ascontiguousarray(by_step)
 
 
 def with_values(law: Any, values: Mapping[str, Any]) -> Any:

@@ -4,14 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_joints.common.arrays import Floats
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import check_kind_of
@@ -75,31 +75,6 @@ def gradient_of(tape: Tape, quantity: Quantity) -> Gradient:
     return ReverseSweep(tape, quantity).run()
 
 
-class Linearised:
-    """Laws of consecutive steps with one rule, linearised at all local points.
-
-    Args:
-        tape: The recorded run.
-        first: Number of the first step.
-        stop: Number of the last step plus one.
-    """
-
-    def __init__(self, tape: Tape, first: int, stop: int) -> None:
-        """Evaluate the laws and compare their history with the recorded one."""
-        self.first, self.parts = first, []
-        rule = rule_of(tape.steps[first])
-        before = np.array([_start_state(tape, k) for k in range(first, stop)])
-        after = np.array([_padded(tape, k, k + 1) for k in range(first, stop)])
-        for part in tape.contact.parts:
-            points = part.points
-            args = part.law, rule, before[:, points], after[:, points, :3]
-            slopes = slopes_of(*args)
-            self.parts.append((part.law, points, slopes))
-            error = slopes.answer[3:5] - after[:, points, 3:5].transpose(2, 0, 1)
-            size = np.abs(after[:, points, 1:5]).max(initial=0.0)
-            self.replayed = not np.abs(error).max(initial=0.0) > REPLAYED * size
-
-
 class ReverseSweep:
     """One reverse sweep for one quantity; the attributes ending in ``_bar`` are derivatives of it.
 
@@ -116,73 +91,77 @@ class ReverseSweep:
         self._weights = _checked(quantity.derivative(history), history.values)
         system = tape.steps[-1].solver.system
         self._u_bar, self._v_bar, self._a_bar = (system.vector() for _ in range(3))
-        columns = max(state.shape[1] for state in tape.states)
-        self._joint_bar = np.zeros((len(self._operator.areas), columns))
         count = len(self._operator.areas)
-        known = {n: None for part in tape.contact.parts for n in parameters_of(part.law)}
-        self._parameters = {name: np.zeros(count) for name in known}
+        self._joint_bar = np.zeros((count, max(state.shape[1] for state in tape.states)))
+        names = {n for part in tape.contact.parts for n in parameters_of(part.law)}
+        self._parameters = {name: np.zeros(count) for name in sorted(names)}
         self._by_load: dict[str, float] = {}
         self._transposed: dict[int, TransposedStep] = {}
 
     def run(self) -> Gradient:
         """Return the gradient (collective)."""
-        tape = self._tape
-        batch: Linearised | None = None
-        for k in reversed(range(len(tape.steps))):
-            if batch is None or k < batch.first:
-                batch = self._linearised(k)
-            self._reverse(k, batch)
-            if self._is_first_time_step(k):
-                self._leave_dynamics(tape.steps[k])
+        steps, first = self._tape.steps, len(self._tape.steps)
+        for k in reversed(range(len(steps))):
+            if k < first:
+                first, laws = self._linearised(k)
+            self._reverse(k, [(law, points, slopes[k - first]) for law, points, slopes in laws])
+            if steps[k].scheme is not None and (k == 0 or steps[k - 1].scheme is None):
+                self._leave_dynamics(k)
         by_point = self._parameters | {"initial_gap": self._joint_bar[:, 0].copy()}
-        joints, comm = self._operator.names, self._operator.comm
-        number = self._operator.joint
-        rows = [np.bincount(number, v, len(joints)) for v in by_point.values()]
-        sums = summed(comm, np.array(rows))
+        joints, number = self._operator.names, self._operator.joint
+        rows = np.array([np.bincount(number, v, len(joints)) for v in by_point.values()])
+        sums: Any = summed(self._operator.comm, rows).tolist()
         by_joint = {
-            name: dict(zip(joints, row.tolist(), strict=True))
+            name: dict(zip(joints, row, strict=True))
             for name, row in zip(by_point, sums, strict=True)
         }
-        return Gradient(
-            value=self._value, by_point=by_point, by_joint=by_joint, by_load=self._by_load
-        )
+        by_load = self._by_load
+        return Gradient(value=self._value, by_point=by_point, by_joint=by_joint, by_load=by_load)
 
-    def _linearised(self, last: int) -> Linearised:
-        """Return the linearised laws of a batch of steps that ends with step ``last``."""
-        steps, count = self._tape.steps, max(len(self._operator.areas), 1)
-        first, rule = last, rule_of(steps[last]).name
-        while (
-            first > 0
-            and (last + 1 - first) * count < BATCH_POINTS
-            and rule_of(steps[first - 1]).name == rule
-        ):
+    def _linearised(self, last: int) -> tuple[int, list[tuple[Any, Ints, Floats]]]:
+        """Return the derivatives of the laws in a batch of steps that ends with step ``last``.
+
+        The result is the number of the first step, and law, points and derivatives of each law.
+        """
+        tape, laws = self._tape, []
+        # The same batches on all ranks: the ranks compare the replayed steps.
+        count = 1 + self._operator.num_points // self._operator.comm.size
+        first, rule, replayed = last, rule_of(tape.steps[last]), True
+        fitting = max(0, last + 1 - BATCH_POINTS // count)
+        while first > fitting and rule_of(tape.steps[first - 1]) == rule:
             first -= 1
-        batch = Linearised(self._tape, first, last + 1)
-        if not all(self._operator.comm.allgather(batch.replayed)):
+        before = np.array([_start_state(tape, k) for k in range(first, last + 1)])
+        after = np.array([_padded(tape, k, k + 1) for k in range(first, last + 1)])
+        for part in tape.contact.parts:
+            end = after[:, part.points]
+            answer, slopes = slopes_of(part.law, rule, before[:, part.points], end[:, :, :3])
+            error = np.abs(answer[3:5] - end[:, :, 3:5].transpose(2, 0, 1)).max(initial=0.0)
+            replayed &= bool(error <= REPLAYED * np.abs(end[:, :, 1:5]).max(initial=0.0))
+            laws.append((part.law, part.points, slopes))
+        if not all(self._operator.comm.allgather(replayed)):
             raise JointsError(
-                f"A step up to t = {steps[last].times[1]:.6g} s is not one step of the joint laws, "
-                "because another solver completed it; gradients do not include this case."
+                f"A step up to t = {tape.steps[last].times[1]:.6g} s is not one step of the joint "
+                "laws, because another solver completed it; gradients do not include this case."
             )
-        return batch
+        return first, laws
 
-    def _reverse(self, k: int, batch: Linearised) -> None:
+    def _reverse(self, k: int, laws: Sequence[tuple[Any, Ints, Floats]]) -> None:
         """Pass the derivatives by the state after step ``k`` to the state before (collective)."""
         step, joint_bar = self._tape.steps[k], self._joint_bar
         self._add_weights(k)
         columns = 5 if rule_of(step) == BACKWARD_EULER else 10
         gap_bar, history_bar = joint_bar[:, :3].copy(), joint_bar[:, 3:columns].T
         tangent = np.zeros((len(gap_bar), 3, 3))
-        for _, points, slopes in batch.parts:
-            rows = slopes.by_input[k - batch.first]
-            tangent[points] = rows[:3, :3].transpose(2, 1, 0)
-            gap_bar[points] += _product(rows[3:, :3], history_bar[:, points])
+        for _, points, slopes in laws:
+            tangent[points] = slopes[:3, :3].transpose(2, 1, 0)
+            gap_bar[points] += _product(slopes[3:, :3], history_bar[:, points])
         z, adjoint_gap = self._solve(step, gap_bar, tangent)
-        force_bar = -self._operator.areas * adjoint_gap.T
+        traction_bar = -self._operator.areas * adjoint_gap.T
         start_bar = np.zeros((len(gap_bar), columns))
-        start_bar[:, :3] = gap_bar + np.einsum("nij,jn->ni", tangent, force_bar)
-        for law, points, slopes in batch.parts:
-            answer_bar = np.vstack([force_bar[:, points], history_bar[:, points]])
-            by_input = _product(slopes.by_input[k - batch.first][:, 3:], answer_bar)
+        start_bar[:, :3] = gap_bar + np.einsum("nij,jn->ni", tangent, traction_bar)
+        for law, points, slopes in laws:
+            answer_bar = np.vstack([traction_bar[:, points], history_bar[:, points]])
+            by_input = _product(slopes[:, 3:], answer_bar)
             start_bar[points] += by_input[:, :columns]
             for column, name in enumerate(parameters_of(law), columns):
                 self._parameters[name][points] += by_input[:, column]
@@ -226,57 +205,55 @@ class ReverseSweep:
     def _add_weights(self, k: int) -> None:
         """Add the derivatives of the quantity by the values observed after step ``k``."""
         tape = self._tape
-        for i, name in enumerate(tape.probes):
-            if name in self._weights:
-                tape.probe.add(self._u_bar, i, self._weights[name][k])
-        for name, weights in tape.weights.items():
-            if name in self._weights:
-                self._joint_bar[:, :3] += weights[:, None] * self._weights[name][k]
+        for name, values in self._weights.items():
+            if name in tape.weights:
+                self._joint_bar[:, :3] += tape.weights[name][:, None] * values[k]
+            else:
+                tape.probe.add(self._u_bar, list(tape.probes).index(name), values[k])
 
     def _add_loads(self, step: Step, z: PETSc.Vec) -> None:
         """Add the products of z with the loads of a step (collective)."""
         system = step.solver.system
         if step.loads is not None:
-            for name, load in step.loads.items():
-                if name == CONSTRUCTION:  # Rounding errors of earlier stages.
-                    continue
-                self._by_load[name] = self._by_load.get(name, 0.0) + float(load.dot(z))
+            # The construction load consists of rounding errors of earlier stages.
+            names = [name for name in step.loads if name != CONSTRUCTION]
+            self._add_products(names, [step.loads[name] for name in names], 1.0, z)
             return
-        if step.scheme is None or isinstance(step.scheme, Newmark):
-            factors = system.factors(step.times[1])
-        else:
-            factors = 0.5 * (system.factors(step.times[0]) + system.factors(step.times[1]))
-        self._add_patterns(system, factors, z)
+        factors = system.factors(step.times[1])
+        if rule_of(step) == DISCRETE_GRADIENT:
+            factors = 0.5 * (factors + system.factors(step.times[0]))
+        self._add_patterns(step, factors, z)
 
-    def _add_patterns(self, system: Any, factors: Floats, z: PETSc.Vec) -> None:
+    def _add_patterns(self, step: Step, factors: Floats, z: PETSc.Vec) -> None:
+        system = step.solver.system
         vectors = [vector for vector, _ in system.patterns]
-        products = np.array(z.mDot(vectors)) if vectors else np.zeros(0)
-        for name, product in zip(system.names_of_patterns, factors * products, strict=True):
+        self._add_products(system.names_of_patterns, vectors, factors, z)
+
+    def _add_products(
+        self, names: Sequence[str], vectors: Sequence[PETSc.Vec], factors: Any, z: PETSc.Vec
+    ) -> None:
+        products = factors * np.array(z.mDot(vectors)) if vectors else ()
+        for name, product in zip(names, products, strict=True):
             self._by_load[name] = self._by_load.get(name, 0.0) + float(product)
 
-    def _is_first_time_step(self, k: int) -> bool:
-        steps = self._tape.steps
-        return steps[k].scheme is not None and (k == 0 or steps[k - 1].scheme is None)
-
-    def _leave_dynamics(self, step: Step) -> None:
+    def _leave_dynamics(self, k: int) -> None:
         """Pass the derivative by the first acceleration to the loads that cause it (collective).
 
         The static state balances its loads, so M a0 is the difference of dynamic and static loads,
         whatever the joints are.
         """
+        step = self._tape.steps[k]
         if isinstance(step.scheme, Newmark):
-            system, number = step.solver.system, self._tape.steps.index(step)
-            z = balancing_acceleration(system, self._a_bar)
-            self._add_patterns(system, system.factors(step.times[0]), z)
-            if number:
+            z = balancing_acceleration(step.solver.system, self._a_bar)
+            self._add_patterns(step, step.solver.system.factors(step.times[0]), z)
+            if k:
                 z.scale(-1.0)
-                self._add_loads(self._tape.steps[number - 1], z)
+                self._add_loads(self._tape.steps[k - 1], z)
         self._v_bar.set(0.0)
         self._a_bar.set(0.0)
 
     def _transposed_of(self, step: Step) -> TransposedStep:
-        key = id(step.solver)
-        if key not in self._transposed:
+        if (key := id(step.solver)) not in self._transposed:
             self._transposed[key] = TransposedStep(step.solver)
         return self._transposed[key]
 

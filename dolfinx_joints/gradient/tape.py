@@ -198,7 +198,7 @@ class Tape(Monitor):
     def substep(self, stepper: Any, before: Any, after: Any, report: Any) -> None:
         """Record an accepted time step (collective)."""
         scheme, newmark = stepper.scheme, isinstance(stepper.scheme, Newmark)
-        if type(scheme) not in (EnergyConsistent, Newmark) or getattr(scheme, "exact_modes", 0):
+        if type(scheme) not in (EnergyConsistent, Newmark) or getattr(scheme, "exact_modes", False):
             raise JointsError(
                 f"The time scheme is {shown(scheme)}; gradients need EnergyConsistent without "
                 "exact modes, or Newmark."

@@ -16,7 +16,7 @@ from dolfinx_joints.common.constants import STANDARD_GRAVITY
 
 @pytest.mark.mpi
 def test_weight_on_a_joint():
-    """Compare with the mean gap -W / (k_n A), whose derivatives are W / (k_n^2 A), and itself by gravity."""
+    """Compare with the mean gap -W / (k_n A); its derivative by k_n is W / (k_n^2 A)."""
     model = blocks(material=dj.Elastic(young=24e9, poisson=0.0, density=2400.0))
     tape = recorded(lambda m, t: dj.Simulation(m, monitors=[t]).statics(), model)
     gradient = dj.gradient_of(tape, dj.Quantity.at_end("middle", 0))

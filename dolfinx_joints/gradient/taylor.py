@@ -13,7 +13,7 @@ import numpy as np
 
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.common.mpi import of_ranks, summed
+from dolfinx_joints.common.mpi import of_ranks, raised_together, summed
 from dolfinx_joints.common.parameters import finite, shown
 from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.gradient.law_slopes import DERIVED, parameters_of
@@ -140,21 +140,21 @@ def changed_model(
         loads: Change of the factor of each load by name.
         size: Factor of all changes.
     """
-    changed, contact = copy(model), model.contact
-    assert contact is not None
-    contact = changed.contact = contact.with_own_laws()
+    assert model.contact is not None
+    changed = copy(model)
+    contact = changed.contact = model.contact.with_own_laws()
     parts: list[LawPoints] = []
-    for part in contact.parts:
-        names = [name for name in parameters_of(part.law) if name in fields]
-        given = [fields[name][part.points] for name in names]
-        rows: Any = np.array(given).reshape(len(names), len(part.points))
-        values, number = np.unique(rows, axis=1, return_inverse=True)
-        for i, row in enumerate(values.T):
-            new = {n: getattr(part.law, n) + size * d for n, d in zip(names, row, strict=True)}
-            if "friction_coefficient" in new:
-                new[DERIVED] = None
+    with raised_together(contact.operator.comm):  # The values may be wrong on one rank only.
+        for part in model.contact.parts:
             law: Any = part.law
-            parts.append(LawPoints(replace(law, **new), part.points[number.ravel() == i]))
+            names = [name for name in parameters_of(law) if name in fields]
+            given = [fields[name][part.points] for name in names]
+            rows: Any = np.array(given).reshape(len(names), len(part.points))
+            values, number = np.unique(rows, axis=1, return_inverse=True)
+            for i, row in enumerate(values.T):
+                new = {n: getattr(law, n) + size * d for n, d in zip(names, row, strict=True)}
+                new |= {DERIVED: None} if "friction_coefficient" in new else {}
+                parts.append(LawPoints(replace(law, **new), part.points[number.ravel() == i]))
     contact.set_parts(parts)
     if "initial_gap" in fields:
         contact.initial_gap = contact.initial_gap.copy()
@@ -162,12 +162,11 @@ def changed_model(
 
     def system(*arguments: Any, **options: Any) -> MatrixSystem:
         made = Model.system(changed, *arguments, **options)
-        factors = [1.0 + size * loads.get(name, 0.0) for name in made.names_of_patterns]
-        patterns = [
-            (factor * vector, time_factor)
-            for factor, (vector, time_factor) in zip(factors, made.patterns, strict=True)
+        named = zip(made.names_of_patterns, made.patterns, strict=True)
+        scaled = [
+            ((1.0 + size * loads.get(n, 0.0)) * force, factor) for n, (force, factor) in named
         ]
-        return replace(made, patterns=patterns)
+        return replace(made, patterns=scaled)
 
     changed.system = system  # type: ignore[method-assign]
     return changed
@@ -175,21 +174,19 @@ def changed_model(
 
 def _split(
     tape: Tape, gradient: Gradient, change: Change
-) -> tuple[dict[str, Any], dict[str, float]]:
+) -> tuple[dict[str, Floats], dict[str, float]]:
     """Return the changes of joint parameters at the local points, and those of load factors."""
-    operator = tape.contact.operator
-    fields: dict[str, Any] = {}
+    operator, joints = tape.contact.operator, tape.contact.operator.names
+    fields: dict[str, Floats] = {}
     loads: dict[str, float] = {}
     for name, values in change.items():
-        if name in gradient.by_point:
-            fields[name] = np.zeros(len(operator.joint))
-            if not isinstance(values, Mapping):
-                fields[name] += np.asarray(values)
-                continue
-            for joint, value in values.items():
-                if joint not in operator.names:
-                    raise JointsError(f"{joint!r} is not a joint; use {', '.join(operator.names)}.")
-                fields[name][operator.joint == operator.names.index(joint)] = value
+        if name in gradient.by_point and isinstance(values, Mapping):
+            if wrong := [joint for joint in values if joint not in joints]:
+                raise JointsError(f"{wrong[0]!r} is not a joint; use {', '.join(joints)}.")
+            by_joint = np.array([float(values.get(joint, 0.0)) for joint in joints])
+            fields[name] = by_joint[operator.joint]
+        elif name in gradient.by_point:
+            fields[name] = np.zeros(len(operator.joint)) + np.asarray(values)
         elif name in gradient.by_load and finite(values):
             loads[name] = float(values)
         else:

@@ -14,10 +14,10 @@ from petsc4py import PETSc
 from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import summed
-from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.common.summary import Rows, Summarised, names
-from dolfinx_joints.gradient.law_slopes import parameters_of, slopes_of
-from dolfinx_joints.gradient.tape import Quantity, Step, Tape
+from dolfinx_joints.gradient.law_slopes import GAP, SLIP, parameters_of, slopes_of
+from dolfinx_joints.gradient.tape import History, Quantity, Step, Tape, not_observed
 from dolfinx_joints.gradient.transposed_step import TransposedStep
 from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
 from dolfinx_joints.simulation.statics.stage_start import CONSTRUCTION
@@ -30,8 +30,9 @@ from dolfinx_joints.time_integration.newmark import Newmark
 # arrays stay small.
 BATCH_POINTS = 16384
 
-# Largest difference between a recorded elastic slip and the law's, relative to the largest slip.
-REPLAYED = 1e-6
+# Largest difference between recorded elastic slips and those of the law, relative to the largest
+# slip, and its rounding error relative to the largest gap.
+REPLAYED, ROUNDING = 1e-6, 1e-10
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -88,7 +89,7 @@ class ReverseSweep:
         self._tape, self._operator = tape, tape.contact.operator
         history = tape.history()
         self._value = float(quantity.value(history))
-        self._weights = _checked(quantity.derivative(history), history.values)
+        self._weights = _checked(quantity.derivative(history), history)
         system = tape.steps[-1].solver.system
         self._u_bar, self._v_bar, self._a_bar = (system.vector() for _ in range(3))
         count = len(self._operator.areas)
@@ -136,7 +137,8 @@ class ReverseSweep:
             end = after[:, part.points]
             answer, slopes = slopes_of(part.law, rule, before[:, part.points], end[:, :, :3])
             error = np.abs(answer[3:5] - end[:, :, 3:5].transpose(2, 0, 1)).max(initial=0.0)
-            replayed &= bool(error <= REPLAYED * np.abs(end[:, :, 1:5]).max(initial=0.0))
+            slip, gap = (np.abs(end[:, :, c]).max(initial=0.0) for c in (SLIP, GAP))
+            replayed &= bool(error <= REPLAYED * slip + ROUNDING * gap)
             laws.append((part.law, part.points, slopes))
         if not all(self._operator.comm.allgather(replayed)):
             raise JointsError(
@@ -303,14 +305,14 @@ def _product(slopes: Floats, answer_bar: Floats) -> Floats:
     return np.einsum("oin,on->ni", slopes, answer_bar)
 
 
-def _checked(weights: Mapping[str, Floats], values: Mapping[str, Floats]) -> dict[str, Floats]:
+def _checked(weights: Mapping[str, Floats], history: History) -> dict[str, Floats]:
     """Check the derivatives of a quantity by the observed values."""
     for name, array in weights.items():
-        if name not in values:
-            raise ValueError(f"{name!r} is not observed; the names are {', '.join(values)}.")
-        if np.shape(array) != values[name].shape or not np.isfinite(array).all():
+        if name not in history.values:
+            raise ValueError(not_observed(name, history))
+        if np.shape(array) != (shape := history.values[name].shape) or not np.isfinite(array).all():
             raise ValueError(
-                f"The derivative by {name!r} has shape {np.shape(array)}; it must be finite "
-                f"numbers of shape {values[name].shape}."
+                f"The derivative by {name!r} is {shown(array)}; it must be finite numbers of shape "
+                f"{shape}."
             )
     return {name: np.asarray(array, dtype=np.float64) for name, array in weights.items()}

@@ -94,12 +94,17 @@ class Quantity:
         if component not in (0, 1, 2):
             raise ValueError(f"component is {shown(component)}; it must be 0, 1 or 2.")
 
+        def value(history: History) -> float:
+            if name not in history.values:
+                raise ValueError(not_observed(name, history))
+            return float(history.values[name][-1, component])
+
         def derivative(history: History) -> dict[str, Floats]:
             weights = np.zeros_like(history.values[name])
             weights[-1, component] = 1.0
             return {name: weights}
 
-        return cls(value=lambda h: float(h.values[name][-1, component]), derivative=derivative)
+        return cls(value=value, derivative=derivative)
 
 
 @dataclass(eq=False, repr=False)
@@ -247,6 +252,11 @@ class Tape(Monitor):
         static = sum(step.scheme is None for step in self.steps)
         times = np.array([step.times[1] for step in self.steps])
         return History(times=times, static=static, values=values)
+
+
+def not_observed(name: str, history: History) -> str:
+    """Return the message for a name that is not observed."""
+    return f"{name!r} is not observed; the names are {', '.join(history.values)}."
 
 
 def _refuse(case: str, given: bool) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import of_ranks, raised_together, summed
-from dolfinx_joints.common.parameters import finite, shown
+from dolfinx_joints.common.parameters import check_each, check_number, finite, shown
 from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.gradient.law_slopes import DERIVED, parameters_of
 from dolfinx_joints.gradient.reverse_sweep import Gradient, gradient_of
@@ -100,8 +100,8 @@ def taylor_test(
             monitors of the simulation.
         tape: Tape of the recorded run.
         quantity: The quantity.
-        change: Change of each parameter by name: a number per joint name, or values of the local
-            points, shape (n,). A load name with a number changes the factor of this load.
+        change: Change of each parameter by name: a number for all points, numbers by joint name,
+            or values of the local points, shape (n,). A load name with a number changes the factor of this load.
         gradient: Gradient of the quantity, if it is known; computed by default.
         sizes: Sizes h of the changes, descending, as parts of ``change``.
     """
@@ -183,10 +183,16 @@ def _split(
         if name in gradient.by_point and isinstance(values, Mapping):
             if wrong := [joint for joint in values if joint not in joints]:
                 raise JointsError(f"{wrong[0]!r} is not a joint; use {', '.join(joints)}.")
+            for joint, value in values.items():
+                check_number(
+                    f"The change of {name!r} of {joint!r}", value, lambda _: True, "finite"
+                )
             by_joint = np.array([float(values.get(joint, 0.0)) for joint in joints])
             fields[name] = by_joint[operator.joint]
         elif name in gradient.by_point:
-            fields[name] = np.zeros(len(operator.joint)) + np.asarray(values)
+            with raised_together(operator.comm):
+                label = f"The change of {name!r}"
+                fields[name] = check_each(label, values, len(operator.joint))
         elif name in gradient.by_load and finite(values):
             loads[name] = float(values)
         else:

@@ -151,6 +151,8 @@ def test_arguments():
         dj.gradient_of(tape, dj.Quantity(value=lambda h: 0.0, derivative=lambda h: {"side": 0.0}))
     with pytest.raises(ValueError, match="must be finite numbers of shape"):
         dj.gradient_of(tape, dj.Quantity(value=lambda h: 0.0, derivative=lambda h: {"top": 0.0}))
+    with pytest.raises(ValueError, match="'side' is not observed; the names are top, middle"):
+        dj.gradient_of(tape, dj.Quantity.at_end("side", 0))
     with pytest.raises(ValueError, match="component"):
         dj.Quantity.at_end("top", 3)
 
@@ -161,6 +163,9 @@ def test_arguments():
         dj.taylor_test(statics, tape, END, {"cohesion": {"j": 1.0}})
     with pytest.raises(dj.JointsError, match="'k' is not a joint"):
         dj.taylor_test(statics, tape, END, {"normal_stiffness": {"k": 1.0}})
+    for change in ({"j": "soft"}, np.ones(7), None):
+        with pytest.raises(ValueError, match="The change of 'normal_stiffness'"):
+            dj.taylor_test(statics, tape, END, {"normal_stiffness": change})
     with pytest.raises(ValueError, match="normal_stiffness"):
         dj.taylor_test(statics, tape, END, {"normal_stiffness": {"j": -6e9}})
     with pytest.raises(ValueError, match="sizes"):

@@ -101,7 +101,8 @@ def taylor_test(
         tape: Tape of the recorded run.
         quantity: The quantity.
         change: Change of each parameter by name: a number for all points, numbers by joint name,
-            or values of the local points, shape (n,). A load name with a number changes the factor of this load.
+            or values of the local points, shape (n,). A load name with a number
+            changes the factor of this load.
         gradient: Gradient of the quantity, if it is known; computed by default.
         sizes: Sizes h of the changes, descending, as parts of ``change``.
     """

@@ -24,6 +24,7 @@ from benchmarks import (
     error_against_time,
     error_bars,
     exact_modes,
+    gradient_cost,
     jointed_wall,
     large_bodies,
     opensees_wall,
@@ -73,6 +74,15 @@ def test_bulk_materials():
     assert len(rows) == 5
     assert max(row.difference for row in rows) < 1e-10
     assert max(row.imbalance for row in rows) < 1e-10
+
+
+@pytest.mark.mpi
+def test_gradient_cost(capsys):
+    gradient_cost.main(["--quick"])
+    lines = capsys.readouterr().out.splitlines()
+    # Four parameters at 3 x 3 x 9 points (see above), once for each scheme.
+    assert [line.split()[1] for line in lines] == ["324"] * 2 * (MPI.COMM_WORLD.rank == 0)
+    assert all(float(line.split()[-1]) > 0.0 for line in lines)
 
 
 @pytest.mark.mpi

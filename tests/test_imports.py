@@ -28,7 +28,7 @@ sys.meta_path.insert(0, Refuse())
 
 OUTPUT = ("report", "export", "geometry", "exact")
 PLASTIC = ("body.nonlinear_cells", "body.strain_operator", "materials.drucker_prager")
-RESULTS = (*OUTPUT, *PLASTIC, "monitors", "postprocessing", "results", "study")
+RESULTS = (*OUTPUT, *PLASTIC, "gradient", "monitors", "postprocessing", "results", "study")
 JOINTS = (
     "solvers.interface",
     "solvers.compliance",
@@ -44,7 +44,11 @@ LOADS = {
     "bonds": ("laws.mohr_coulomb", (*RESULTS, *WATER, "solvers.multigrid.tangent"), 180),
     "water": ("loads.water.reservoir_waves", (*RESULTS, *JOINTS, *LAWS), 160),
     "free field": ("loads.free_field", (*RESULTS, *JOINTS, *LAWS, *WATER), 150),
-    "motion suite": ("study.motion_suite", (*OUTPUT, *PLASTIC, "study.fragility_curves"), 235),
+    "motion suite": (
+        "study.motion_suite",
+        (*OUTPUT, *PLASTIC, "gradient", "study.fragility_curves"),
+        235,
+    ),
 }
 
 

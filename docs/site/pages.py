@@ -66,6 +66,7 @@ GUIDES = {
     "body": ("loads", "foundation", "modes"),
     "common": ("errors", "install"),
     "export": ("export",),
+    "gradient": ("gradients",),
     "joints": ("joints", "own_solver"),
     "laws": ("joints", "extend"),
     "loads": ("loads", "water", "temperature", "foundation", "extend"),

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from typing import Any
@@ -223,6 +223,15 @@ class Contact:
                 c = None if compliance is None else compliance[points]
                 part.write_to(part.evaluate(rule, gap[points], c, part.state_of(state)), answer)
             return answer
+
+    @property
+    def parts(self) -> Sequence[LawPoints]:
+        """Points of each law."""
+        return self._laws
+
+    def set_parts(self, parts: Sequence[LawPoints]) -> None:
+        """Set laws of groups of points, instead of one law for each joint."""
+        self._laws = [*parts]
 
     @property
     def brittle(self) -> bool:

@@ -81,7 +81,7 @@ def set_friction(law: Any) -> tuple[float, float]:
 
 def coefficient_of(law: Any) -> float:
     """Return the friction coefficient of a law after `set_friction`."""
-    return float(law.friction_coefficient)
+    return law.friction_coefficient
 
 
 def cosine_and_sine(angle_deg: float) -> tuple[float, float]:
@@ -253,7 +253,7 @@ class FrictionNoTension(EnergyConsistentContact):
         if rule.name == BACKWARD_EULER.name:
             shear = (1.0 / k_s, k_n / k_s) if k_s else (math.inf, math.inf)
             law = Coulomb(1.0 / k_n, *shear, mu)
-            return Start(state.gap, state.elastic_slip, np.array(law, dtype=np.float64))
+            return Start(state.gap, state.elastic_slip, np.array(law))
         stored = stored_by(state, k_n, k_s)
         # Without shear stiffness no shear traction builds up: treat the joint as frictionless.
         law = Coulomb(1.0 / k_n, 1.0 / (k_s or k_n), k_n / (k_s or k_n), mu if k_s else 0.0)
@@ -263,7 +263,7 @@ class FrictionNoTension(EnergyConsistentContact):
         """Return the response with elastic slip and, over a whole step, the plastic slips."""
         if rule.name == BACKWARD_EULER.name:
             return response_of(answer, elastic_slip=answer.history)
-        root = math.sqrt(self.shear_stiffness) or 1.0
+        root = np.sqrt(self.shear_stiffness) or 1.0
         return response_of(
             answer, elastic_slip=answer.history[:, 1:3] / root, slips=answer.history[:, 3:8]
         )

@@ -225,7 +225,7 @@ class MatrixSystem:
     def load(self, time: float, out: PETSc.Vec) -> PETSc.Vec:
         """Write the nodal loads at a time [s] to ``out`` [N] and return it (collective)."""
         out.set(0.0)
-        for factor, (vector, _) in zip(self._factors(time), self.patterns, strict=True):
+        for factor, (vector, _) in zip(self.factors(time), self.patterns, strict=True):
             out.axpy(float(factor), vector)
         for varying in self._without_patterns:
             varying.add(out, time)
@@ -236,7 +236,7 @@ class MatrixSystem:
 
         For static stages: the forces at the far end of a reservoir with waves are omitted.
         """
-        factors = scale * self._factors(time)
+        factors = scale * self.factors(time)
         forces: dict[str, PETSc.Vec] = {}
         for name, factor, (vector, _) in zip(
             self.names_of_patterns, factors, self.patterns, strict=True
@@ -251,7 +251,7 @@ class MatrixSystem:
         """Return the work of each load's mean in a step on a displacement x [J] (collective)."""
         names = self.names_of_patterns
         works = dict.fromkeys(names, 0.0)
-        means = 0.5 * (self._factors(start) + self._factors(end))
+        means = 0.5 * (self.factors(start) + self.factors(end))
         for name, mean, (vector, _) in zip(names, means, self.patterns, strict=True):
             if mean:
                 works[name] += float(mean * vector.dot(x))
@@ -261,7 +261,7 @@ class MatrixSystem:
 
     def load_change(self, start: float, end: float) -> Floats:
         """Return the change of the patterns' factors between two times [s], (patterns,)."""
-        return self._factors(end) - self._factors(start)
+        return self.factors(end) - self.factors(start)
 
     @property
     def names_of_patterns(self) -> Sequence[str]:
@@ -280,7 +280,7 @@ class MatrixSystem:
         return [*([] if self.water is None else [self.water]), *self.varying_loads]
 
     @cached_property
-    def _factors(self) -> Callable[[float], Floats]:
+    def factors(self) -> Callable[[float], Floats]:
         """Function that returns the patterns' factors at a time [s]; it caches two times."""
         named = list(zip(self.names_of_patterns, self.patterns, strict=True))
 

@@ -181,6 +181,11 @@ class PointProbe:
         values: Floats = u.getArray(readonly=True).take(self.dofs)
         return values
 
+    def add(self, u: PETSc.Vec, row: int, values: Floats) -> None:
+        """Add values (3,) to the nodal vector at a point; transposed of `read`."""
+        dofs = self.dofs[self._rows == row]
+        u.getArray()[dofs] += values[: self._gdim]
+
     def of_all_ranks(self, steps: Floats) -> Floats:
         """Return the vectors of all points, (steps, n, 3), from `local` of steps (collective)."""
         values = np.zeros((len(steps), len(self.positions), 3))

@@ -126,6 +126,8 @@ class DynamicRun:
         progress = self._progress
         for after, report, row in self._stepper.substeps(self.state, dt, end):
             self._ledger.record(row)
+            for monitor in self.monitors:
+                monitor.substep(self._stepper, self.state, after, report)
             self.state = after
             if after.joints is not None:
                 self._watch.record(after.joints.state.gap)

@@ -15,6 +15,12 @@ from dolfinx_joints.time_integration.substeps import locate
 if TYPE_CHECKING:
     from dolfinx_joints.model.model import Model
     from dolfinx_joints.simulation.record import Record, StageRecord
+    from dolfinx_joints.simulation.statics.ledger import SolvedIncrement
+    from dolfinx_joints.simulation.statics.load_increments import Increment
+    from dolfinx_joints.simulation.statics.stage import Equilibrium
+    from dolfinx_joints.time_integration.scheme import StepReport
+    from dolfinx_joints.time_integration.states import DynamicState
+    from dolfinx_joints.time_integration.substeps import Stepper
 
 
 class Monitor:
@@ -30,6 +36,11 @@ class Monitor:
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
         """Process the end of a static stage, which is the last item of ``stages``."""
 
+    def increment(
+        self, equilibrium: Equilibrium, solved: SolvedIncrement, increment: Increment
+    ) -> None:
+        """Process an accepted increment of a static stage, at its end (collective)."""
+
     def static_failure(
         self, model: Model, stages: Sequence[StageRecord], status: str, error: str
     ) -> None:
@@ -43,6 +54,11 @@ class Monitor:
 
     def record(self, record: Record) -> None:
         """Process a step."""
+
+    def substep(
+        self, stepper: Stepper, before: DynamicState, after: DynamicState, report: StepReport
+    ) -> None:
+        """Process an accepted substep of a dynamic stage, from ``before`` to ``after``."""
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
         """Process the end of a dynamic stage.

@@ -253,7 +253,7 @@ class Simulation:
         with self.phase("static"), report_failures(name, self.model, self.monitors, self.stages):
             start = self.model, self.static or unloaded_state(self.model), path, acting
             arguments |= {"options": self._options, "kind": self.solver, "watch": self._watch}
-            state = march(*start, **arguments)
+            state = march(*start, **arguments, accepted=[m.increment for m in self.monitors])
         free_petsc_garbage(self.model.jointed.mesh.comm)  # Matrices of the stage's solver.
         return state
 

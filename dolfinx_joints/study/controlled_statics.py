@@ -231,7 +231,7 @@ class ControlledPath(Equilibrium):
             SmallDisplacements(self._model.contact),
         )
         try:
-            for increment in solve_increments(self, increments, jumps, "condensed", watch):
+            for increment, _ in solve_increments(self, increments, jumps, "condensed", watch):
                 if increment.whole:
                     facts = {"load_factor": self.factor, "controlled": self._value}
                     yield self.state({"cuts": increments.cuts, **facts})

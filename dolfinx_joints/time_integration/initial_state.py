@@ -66,7 +66,7 @@ def initial_state(
         force.axpy(-1.0, forces.force_at_end(response, work))
     if velocity is None:
         _check_massless(system, force, max(load.norm(), elastic_force.norm()))
-    a = _acceleration(system, force)
+    a = balancing_acceleration(system, force)
     imbalance = combination((1.0, system.mass * a), (-1.0, force))
     reaction = system.vector()
     reaction.getArray()[system.constrained] = imbalance.array_r[system.constrained]
@@ -107,7 +107,7 @@ def _check_massless(system: MatrixSystem, force: PETSc.Vec, scale: float) -> Non
         )
 
 
-def _acceleration(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
+def balancing_acceleration(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
     """Solve M a = force for a at unconstrained dofs with mass; a is zero at all other dofs."""
     mask = system.vector(1.0)
     mask.getArray()[system.constrained] = 0.0

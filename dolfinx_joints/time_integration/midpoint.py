@@ -329,7 +329,7 @@ def joints_before(
         return None
     joints = state.joints.state
     if len(joints.slips) and state.rate not in (0.0, rate):
-        joints = replace(joints, slips=_rescale(joints.slips, state.rate / rate))
+        joints = replace(joints, slips=rescaled_slips(joints.slips, state.rate / rate))
     if system.contact is None or not system.contact.stops:
         return joints
     velocity = state.velocity.copy()
@@ -343,7 +343,7 @@ def joints_before(
     return replace(joints, approach=approach)
 
 
-def _rescale(slips: Floats, times: float) -> Floats:
+def rescaled_slips(slips: Floats, times: float) -> Floats:
     """Return the last two slips for steps ``times`` as long; slip is a parabola in time."""
     slips = slips.copy()
     last, before = slips[:, :2], slips[:, 2:4]

@@ -22,7 +22,6 @@ own traction. The state of closed points is psi = k_n g^2 / 2 [J/m^2] and q = sq
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -112,7 +111,7 @@ def _stops(h: float, c: float, gap: float, approach: float, pressed: bool) -> No
 @inline
 def _stays_closed(h: float, c: float, pressure: float, law: Coulomb) -> Normal:
     """Return t_n = (h - 2 d p0) / (c + 2 d), theta = 1, with the pressure p0 at the start."""
-    d, zeta = law.normal_compliance, math.sqrt(law.shear_compliance)
+    d, zeta = law.normal_compliance, np.sqrt(law.shear_compliance)
     total = c + 2.0 * d
     if total == 0.0:  # both sides of a rigid point are constrained
         return Normal(0.0, 0.0, 0.0, 0.0, zeta, 0.0)
@@ -195,7 +194,7 @@ def friction_over_step(i: int, own: Vector, law: Coulomb, start: Start, answer: 
     t_n, slides, lost = normal.traction, False, 0.0
     shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0)), q_1, q_2
     # The shear traction of a rigid point without tangential compliance is undetermined.
-    if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
+    if normal.zeta < np.inf and t_n < 0.0 and normal.zeta + c_s > 0.0:
         trial = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
         row = stored[i]
         last_slips = (
@@ -252,7 +251,7 @@ def whole_step_from(
         history[:, 3:8] = state.slips
     if approach is not None:
         history[:, 8:] = approach
-    return Start(state.gap, history, np.array(law, dtype=np.float64))
+    return Start(state.gap, history, np.array(law))
 
 
 def stored_by(state: JointState, normal_stiffness: float, shear_stiffness: float) -> Floats:
@@ -260,5 +259,5 @@ def stored_by(state: JointState, normal_stiffness: float, shear_stiffness: float
     stored = np.empty_like(state.gap)
     overlap = np.minimum(state.gap[:, 0], 0.0)
     stored[:, 0] = 0.5 * normal_stiffness * overlap * overlap
-    stored[:, 1:] = math.sqrt(shear_stiffness) * state.elastic_slip
+    stored[:, 1:] = np.sqrt(shear_stiffness) * state.elastic_slip
     return stored

@@ -6,6 +6,9 @@ The functions have scalar arguments and follow docs/theory; equation numbers are
 compiles them into loops over points: in `friction` for the end of a step, and in
 `discrete_gradient` for a whole step. Laws without a closed form use `points.on_compliance`.
 
+Gradients evaluate the same functions in Python with dual numbers (`gradient.dual_numbers`): use
+``np.sqrt`` and comparisons, and no functions of ``math``.
+
 The structure has the compliance c at a point, gap = trial_gap - c t; c = 0 gives the law at a gap.
 The tractions depend on c + d with the joint compliance d = 1/k, which is zero in rigid joints.
 """

@@ -96,7 +96,7 @@ def friction_with_turns(trial: Shear, limit: Limit, slips: Slips) -> tuple[Shear
     largest, across_slope = np.sqrt(max(size * size - lowest * lowest, 0.0)), 0.0
     k = trial.by_shear[0]
     if abs(across) > largest:
-        k, across = 0.0, np.copysign(largest, across)
+        k, across = 0.0, largest if across > 0.0 else -largest
         change = -size * limit.friction * limit.stiffness - lowest * slope
         across_slope = change / across if largest > 0.0 else 0.0
     return Shear(

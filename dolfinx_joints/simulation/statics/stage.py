@@ -49,6 +49,7 @@ def march(
     apart: Floats | None = None,
     allow_jumps: bool = False,
     reached: Callable[[float, StaticState], None] | None = None,
+    accepted: Sequence[Callable[..., None]] = (),
 ) -> StaticState:
     """Return the equilibrium at the end of a path of load steps (collective).
 
@@ -57,7 +58,8 @@ def march(
     to the change of loads and prescribed displacements since ``before``. Only the loads ``acting``
     of the model act. Without a ``stage`` all joints and blocks act. ``apart`` are additional
     tractions on joint faces, shape (n, 3), [Pa]; all other loads are then constant. The function
-    ``reached`` is called with time [s] and state after each step.
+    ``reached`` is called with time [s] and state after each step, and the functions ``accepted``
+    with equilibrium, solution and increment after each increment (`Monitor.increment`).
 
     Raises:
         JumpError: No equilibrium without a jump was found and ``allow_jumps`` is false.
@@ -88,8 +90,10 @@ def march(
     increments = LoadIncrements(path, time=before.time)
     jumps = Jumps(last.ledger, model, allow_jumps)
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
-    for increment in solve_increments(last, increments, jumps, kind, watch):
+    for increment, solved in solve_increments(last, increments, jumps, kind, watch):
         free_petsc_garbage(model.jointed.mesh.comm)
+        for process in accepted:
+            process(last, solved, increment)
         progress.advance(int(increment.whole))
         if reached is not None and increment.whole:
             facts |= {"cuts": increments.cuts, "jumps": jumps.of_step(increment.step)}
@@ -112,7 +116,7 @@ def solve_increments(
     jumps: Jumps,
     kind: SolverKind,
     watch: SmallDisplacements,
-) -> Iterator[Increment]:
+) -> Iterator[tuple[Increment, SolvedIncrement]]:
     """Solve increments, halve increments that fail, and yield accepted increments (collective)."""
     for increment in increments:
         try:
@@ -134,7 +138,7 @@ def solve_increments(
         last.accept(solved, increment)
         if last.joints is not None:
             watch.record(last.joints.gap)
-        yield increment
+        yield increment, solved
 
 
 class Equilibrium:

@@ -27,6 +27,7 @@ from dolfinx_joints.common.arrays import Dealt, Floats
 from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.laws.law import Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.effective_matrix import Cache, MatrixCoefficients, unconstrained_dofs
@@ -179,11 +180,15 @@ class InterfaceSolver(StepSolver):
             size=int(min(limits.MOST_KEPT, max(limits.FEWEST_KEPT, fitting))),
         )
 
+    def condensed(self, effective: MatrixCoefficients, rule: Rule) -> Condensed:
+        """Return the condensed system of a set of coefficients, made on first use (collective)."""
+        return self._condensed((effective, 1.0 / rule.weight))
+
     def _solve(self, equation: StepEquation) -> Solution:
         """Solve the equation of a step (collective)."""
         effective, b, x, state, rule = equation
         assert state is not None
-        condensed: Condensed = self._condensed((effective, 1.0 / rule.weight))
+        condensed = self.condensed(effective, rule)
         factored, condensed.used = not condensed.used, True
         condensed.solver.solve_linear(b, x, self._unconstrained)
         if condensed.static:

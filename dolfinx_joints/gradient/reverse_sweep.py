@@ -1,0 +1,318 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Reverse sweep over recorded steps: adjoint equations (41) to (45) of docs/theory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_joints.common.arrays import Floats, Ints
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.mpi import summed
+from dolfinx_joints.common.parameters import check_kind_of, shown
+from dolfinx_joints.common.summary import Rows, Summarised, names
+from dolfinx_joints.gradient.law_slopes import GAP, SLIP, parameters_of, slopes_of
+from dolfinx_joints.gradient.tape import History, Quantity, Step, Tape, not_observed
+from dolfinx_joints.gradient.transposed_step import TransposedStep
+from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
+from dolfinx_joints.simulation.statics.stage_start import CONSTRUCTION
+from dolfinx_joints.solvers.effective_matrix import STATIC, MatrixCoefficients
+from dolfinx_joints.time_integration.initial_state import balancing_acceleration
+from dolfinx_joints.time_integration.midpoint import rescaled_slips
+from dolfinx_joints.time_integration.newmark import Newmark
+
+# Points of all steps that are linearised together: many points share the cost of a branch, and the
+# arrays stay small.
+BATCH_POINTS = 16384
+
+# Largest difference between recorded elastic slips and those of the law, relative to the largest
+# slip, and its rounding error relative to the largest gap.
+REPLAYED, ROUNDING = 1e-6, 1e-10
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Gradient(Summarised):
+    """Derivatives of a quantity.
+
+    The parameters are the law's parameters that are not zero, and ``initial_gap``.
+
+    Attributes:
+        value: The quantity.
+        by_point: Derivatives by the parameters at the local joint points, shape (n,), by parameter.
+        by_joint: Their sums: derivatives by the parameters of whole joints, by parameter and joint.
+        by_load: Derivatives by a factor of each load, or of the motion, by name.
+    """
+
+    value: float
+    by_point: Mapping[str, Floats]
+    by_joint: Mapping[str, Mapping[str, float]]
+    by_load: Mapping[str, float]
+
+    def _summary(self) -> Rows:
+        yield "quantity", f"{self.value:.6g}"
+        yield "parameters of points", names(list(self.by_point))
+        yield "loads", names(list(self.by_load))
+
+
+def gradient_of(tape: Tape, quantity: Quantity) -> Gradient:
+    """Return the gradient of a quantity by all joint parameters and load factors (collective).
+
+    Args:
+        tape: Tape of a run.
+        quantity: The quantity, a smooth function of the observed values.
+
+    Raises:
+        JointsError: A step is not one step of the joint laws, or a step has no derivative, because
+            a block moves freely.
+        ValueError: The derivative of the quantity has a wrong name or shape.
+    """
+    check_kind_of("tape", tape, isinstance(tape, Tape), "a Tape")
+    check_kind_of("quantity", quantity, isinstance(quantity, Quantity), "a Quantity")
+    return ReverseSweep(tape, quantity).run()
+
+
+class ReverseSweep:
+    """One reverse sweep for one quantity; the attributes ending in ``_bar`` are derivatives of it.
+
+    Args:
+        tape: The recorded run.
+        quantity: The quantity.
+    """
+
+    def __init__(self, tape: Tape, quantity: Quantity) -> None:
+        """Evaluate the quantity and its derivative by the observed values (collective)."""
+        self._tape, self._operator = tape, tape.contact.operator
+        history = tape.history()
+        self._value = float(quantity.value(history))
+        self._weights = _checked(quantity.derivative(history), history)
+        system = tape.steps[-1].solver.system
+        self._u_bar, self._v_bar, self._a_bar = (system.vector() for _ in range(3))
+        count = len(self._operator.areas)
+        self._joint_bar = np.zeros((count, max(state.shape[1] for state in tape.states)))
+        names = {n for part in tape.contact.parts for n in parameters_of(part.law)}
+        self._parameters = {name: np.zeros(count) for name in sorted(names)}
+        self._by_load: dict[str, float] = {}
+        self._transposed: dict[int, TransposedStep] = {}
+
+    def run(self) -> Gradient:
+        """Return the gradient (collective)."""
+        steps, first = self._tape.steps, len(self._tape.steps)
+        for k in reversed(range(len(steps))):
+            if k < first:
+                first, laws = self._linearised(k)
+            self._reverse(k, [(law, points, slopes[k - first]) for law, points, slopes in laws])
+            if steps[k].scheme is not None and (k == 0 or steps[k - 1].scheme is None):
+                self._leave_dynamics(k)
+        by_point = self._parameters | {"initial_gap": self._joint_bar[:, 0].copy()}
+        joints, number = self._operator.names, self._operator.joint
+        rows = np.array([np.bincount(number, v, len(joints)) for v in by_point.values()])
+        sums: Any = summed(self._operator.comm, rows).tolist()
+        by_joint = {
+            name: dict(zip(joints, row, strict=True))
+            for name, row in zip(by_point, sums, strict=True)
+        }
+        by_load = self._by_load
+        return Gradient(value=self._value, by_point=by_point, by_joint=by_joint, by_load=by_load)
+
+    def _linearised(self, last: int) -> tuple[int, list[tuple[Any, Ints, Floats]]]:
+        """Return the derivatives of the laws in a batch of steps that ends with step ``last``.
+
+        The result is the number of the first step, and law, points and derivatives of each law.
+        """
+        tape, laws = self._tape, []
+        # The same batches on all ranks: the ranks compare the replayed steps.
+        count = 1 + self._operator.num_points // self._operator.comm.size
+        first, rule, replayed = last, rule_of(tape.steps[last]), True
+        fitting = max(0, last + 1 - BATCH_POINTS // count)
+        while first > fitting and rule_of(tape.steps[first - 1]) == rule:
+            first -= 1
+        before = np.array([_start_state(tape, k) for k in range(first, last + 1)])
+        after = np.array([_padded(tape, k, k + 1) for k in range(first, last + 1)])
+        for part in tape.contact.parts:
+            end = after[:, part.points]
+            answer, slopes = slopes_of(part.law, rule, before[:, part.points], end[:, :, :3])
+            error = np.abs(answer[3:5] - end[:, :, 3:5].transpose(2, 0, 1)).max(initial=0.0)
+            slip, gap = (np.abs(end[:, :, c]).max(initial=0.0) for c in (SLIP, GAP))
+            replayed &= bool(error <= REPLAYED * slip + ROUNDING * gap)
+            laws.append((part.law, part.points, slopes))
+        if not all(self._operator.comm.allgather(replayed)):
+            raise JointsError(
+                f"A step up to t = {tape.steps[last].times[1]:.6g} s is not one step of the joint "
+                "laws, because another solver completed it; gradients do not include this case."
+            )
+        return first, laws
+
+    def _reverse(self, k: int, laws: Sequence[tuple[Any, Ints, Floats]]) -> None:
+        """Pass the derivatives by the state after step ``k`` to the state before (collective)."""
+        step, joint_bar = self._tape.steps[k], self._joint_bar
+        self._add_weights(k)
+        columns = 5 if rule_of(step) == BACKWARD_EULER else 10
+        gap_bar, history_bar = joint_bar[:, :3].copy(), joint_bar[:, 3:columns].T
+        tangent = np.zeros((len(gap_bar), 3, 3))
+        for _, points, slopes in laws:
+            tangent[points] = slopes[:3, :3].transpose(2, 1, 0)
+            gap_bar[points] += _product(slopes[3:, :3], history_bar[:, points])
+        z, adjoint_gap = self._solve(step, gap_bar, tangent)
+        traction_bar = -self._operator.areas * adjoint_gap.T
+        start_bar = np.zeros((len(gap_bar), columns))
+        start_bar[:, :3] = gap_bar + np.einsum("nij,jn->ni", tangent, traction_bar)
+        for law, points, slopes in laws:
+            answer_bar = np.vstack([traction_bar[:, points], history_bar[:, points]])
+            by_input = _product(slopes[:, 3:], answer_bar)
+            start_bar[points] += by_input[:, :columns]
+            for column, name in enumerate(parameters_of(law), columns):
+                self._parameters[name][points] += by_input[:, column]
+        if (times := _scaling(step)) is not None:
+            start_bar[:, 5:] = start_bar[:, 5:] @ rescaled_slips(np.eye(5), times).T
+        joint_bar[:] = 0.0
+        joint_bar[:, :columns] = start_bar
+        self._add_loads(step, z)
+
+    def _solve(self, step: Step, gap_bar: Floats, tangent: Floats) -> tuple[PETSc.Vec, Floats]:
+        """Solve (42), and pass u, v, a to the start of the step by (45) (collective)."""
+        u, v, a, system = self._u_bar, self._v_bar, self._a_bar, step.solver.system
+        b, transposed = u.copy(), self._transposed_of(step)
+        transposed.add_gaps(gap_bar, b)
+        coefficients, rule, scheme = coefficients_of(step), rule_of(step), step.scheme
+        if scheme is not None:
+            b.axpy(step.rate or coefficients.damping, v)
+        if isinstance(scheme, Newmark):
+            b.axpy(coefficients.mass, a)
+        z, gaps = transposed.solve(coefficients, rule, tangent, b)
+        inertia, stiff = z.duplicate(), z.duplicate()
+        if scheme is None:
+            system.stiffness.mult(z, stiff)
+        else:
+            system.multiply(z, inertia, stiff)
+        u.axpy(-1.0, stiff)
+        if isinstance(scheme, Newmark):
+            beta, gamma, dt = scheme.beta, scheme.gamma, step.dt
+            a.axpy(-1.0, inertia)
+            v.axpy(-1.0, system.damping_force(z, stiff))
+            old_a = a.copy()
+            a.scale(1.0 - 0.5 / beta)
+            a.axpy(dt * (1.0 - 0.5 * gamma / beta), v)
+            v.scale(1.0 - gamma / beta)
+            v.axpy(-1.0 / (beta * dt), old_a)
+        elif scheme is not None:
+            v.scale(-1.0)
+            v.axpy(step.rate, inertia)
+        return z, gaps
+
+    def _add_weights(self, k: int) -> None:
+        """Add the derivatives of the quantity by the values observed after step ``k``."""
+        tape = self._tape
+        for name, values in self._weights.items():
+            if name in tape.weights:
+                self._joint_bar[:, :3] += tape.weights[name][:, None] * values[k]
+            else:
+                tape.probe.add(self._u_bar, list(tape.probes).index(name), values[k])
+
+    def _add_loads(self, step: Step, z: PETSc.Vec) -> None:
+        """Add the products of z with the loads of a step (collective)."""
+        system = step.solver.system
+        if step.loads is not None:
+            # The construction load consists of rounding errors of earlier stages.
+            names = [name for name in step.loads if name != CONSTRUCTION]
+            self._add_products(names, [step.loads[name] for name in names], 1.0, z)
+            return
+        factors = system.factors(step.times[1])
+        if rule_of(step) == DISCRETE_GRADIENT:
+            factors = 0.5 * (factors + system.factors(step.times[0]))
+        self._add_patterns(step, factors, z)
+
+    def _add_patterns(self, step: Step, factors: Floats, z: PETSc.Vec) -> None:
+        system = step.solver.system
+        vectors = [vector for vector, _ in system.patterns]
+        self._add_products(system.names_of_patterns, vectors, factors, z)
+
+    def _add_products(
+        self, names: Sequence[str], vectors: Sequence[PETSc.Vec], factors: Any, z: PETSc.Vec
+    ) -> None:
+        products = factors * np.array(z.mDot(vectors)) if vectors else ()
+        for name, product in zip(names, products, strict=True):
+            self._by_load[name] = self._by_load.get(name, 0.0) + float(product)
+
+    def _leave_dynamics(self, k: int) -> None:
+        """Pass the derivative by the first acceleration to the loads that cause it (collective).
+
+        The static state balances its loads, so M a0 is the difference of dynamic and static loads,
+        whatever the joints are.
+        """
+        step = self._tape.steps[k]
+        if isinstance(step.scheme, Newmark):
+            z = balancing_acceleration(step.solver.system, self._a_bar)
+            self._add_patterns(step, step.solver.system.factors(step.times[0]), z)
+            if k:
+                z.scale(-1.0)
+                self._add_loads(self._tape.steps[k - 1], z)
+        self._v_bar.set(0.0)
+        self._a_bar.set(0.0)
+
+    def _transposed_of(self, step: Step) -> TransposedStep:
+        if (key := id(step.solver)) not in self._transposed:
+            self._transposed[key] = TransposedStep(step.solver)
+        return self._transposed[key]
+
+
+def rule_of(step: Step) -> Rule:
+    """Return the rule by which the laws are evaluated in a step."""
+    whole = step.scheme is not None and not isinstance(step.scheme, Newmark)
+    return DISCRETE_GRADIENT if whole else BACKWARD_EULER
+
+
+def coefficients_of(step: Step) -> MatrixCoefficients:
+    """Return the coefficients of the matrix of a step."""
+    if step.scheme is None:
+        return STATIC
+    if isinstance(step.scheme, Newmark):
+        beta, gamma, dt = step.scheme.beta, step.scheme.gamma, step.dt
+        mass, damping = 1.0 / (beta * dt**2), gamma / (beta * dt)
+        return MatrixCoefficients(mass=mass, damping=damping, stiffness=1.0)
+    return MatrixCoefficients(mass=0.5 * step.rate**2, damping=0.5 * step.rate, stiffness=0.5)
+
+
+def _scaling(step: Step) -> float | None:
+    """Return the factor by which a step rescales the last slips, None if it does not."""
+    changed = step.rate and step.rate_before not in (0.0, step.rate)
+    return step.rate_before / step.rate if changed else None
+
+
+def _start_state(tape: Tape, k: int) -> Floats:
+    """Return the state at the start of step ``k`` as the laws receive it, shape (n, columns)."""
+    state = _padded(tape, k, k)
+    if (times := _scaling(tape.steps[k])) is not None:
+        state[:, 5:] = rescaled_slips(state[:, 5:], times)
+    return state
+
+
+def _padded(tape: Tape, k: int, number: int) -> Floats:
+    """Return a recorded state with the columns of step ``k``; missing slips are zero."""
+    state = tape.states[number]
+    columns = 5 if rule_of(tape.steps[k]) == BACKWARD_EULER else 10
+    padded = np.zeros((len(state), columns))
+    padded[:, : state.shape[1]] = state[:, :columns]
+    return padded
+
+
+def _product(slopes: Floats, answer_bar: Floats) -> Floats:
+    """Return the derivatives by the inputs, shape (n, inputs), from those by the outputs."""
+    return np.einsum("oin,on->ni", slopes, answer_bar)
+
+
+def _checked(weights: Mapping[str, Floats], history: History) -> dict[str, Floats]:
+    """Check the derivatives of a quantity by the observed values."""
+    for name, array in weights.items():
+        if name not in history.values:
+            raise ValueError(not_observed(name, history))
+        if np.shape(array) != (shape := history.values[name].shape) or not np.isfinite(array).all():
+            raise ValueError(
+                f"The derivative by {name!r} is {shown(array)}; it must be finite numbers of shape "
+                f"{shape}."
+            )
+    return {name: np.asarray(array, dtype=np.float64) for name, array in weights.items()}

@@ -50,7 +50,11 @@ _CSMIP_BLOCK = re.compile(
     r"\s+(?P<unit>[\w/]+)(?:.*\((?P<per_line>[1-9]\d?)F(?P<width>[1-9]\d?)\.)?",
     re.I,
 )
-_CHANNEL = re.compile(r"\s*(?:chan\s*\d+:|component)\s*(\w+)", re.I)
+_CHANNEL = re.compile(
+    r"\s*(?:chan\s*\d+:|component)\s*"
+    r"([NS]\s*\d+(?:\.\d+)?\s*[EW]\b|\d+\.\d+|\w+\b(?!\s*\.?\d))",  # also N 28 W, but not E 10 N
+    re.I,
+)
 _GEONET_TITLE = re.compile(r"(un)?corrected accelerogram\s+(\S+).*\bGNS Science", re.I)
 _UNIT_CODES = {"2": "g", "4": "cm/s^2", "10": "gal", "11": "mg"}
 
@@ -175,7 +179,7 @@ def _coded_direction(code: str) -> Direction | None:
 
 def _direction_in(text: RecordText, number: int) -> Direction | None:
     channel = _CHANNEL.match(text.lines[number - 1])
-    return None if channel is None else direction_named(channel[1])
+    return None if channel is None else direction_named("".join(channel[1].split()))
 
 
 def _csmip_record(text: RecordText) -> str:

@@ -157,3 +157,14 @@ def test_channels_of_unknown_direction_need_directions(tmp_path: Path) -> None:
         read_record(path)
     motion = read_record(path, directions=[0, "UP", 270])
     np.testing.assert_allclose(motion.acceleration[:, 1], 0.03 * WAVE, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("way", "azimuth"), [("N 28 W", 332.0), ("S 16.5 E", 163.5), ("E 10 N", None), ("90 Deg", 90.0)]
+)
+def test_bearings_with_blanks_are_not_cut_short(
+    tmp_path: Path, way: str, azimuth: float | None
+) -> None:
+    for content in (csmip(2, ways=(way,)), geonet(2, ways=(way,))):
+        (part,) = read_components(write(tmp_path, content))
+        assert part.direction == azimuth

@@ -16,6 +16,7 @@ from petsc4py import PETSc
 from dolfinx_joints.body.supports import components_of
 from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.loads.column import Column
 from dolfinx_joints.loads.ground_motion import IncidentWave, in_axes
 from dolfinx_joints.loads.load import LoadedBody, TimeFactor, always
@@ -83,6 +84,8 @@ class FreeField:
 
     def __post_init__(self) -> None:
         check_groups("FreeField", self.groups)
+        good = not isinstance(self.incident, Motion)  # an acceleration
+        check_kind_of("incident", self.incident, good, "a velocity; use incident_wave(motion)")
         if self.components is not None:
             components_of(self.components, 3)
 

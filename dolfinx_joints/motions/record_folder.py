@@ -99,9 +99,7 @@ def read_motions(source: str | Path, *, stream_azimuth_deg: float | None = None)
 def _files_below(place: Source) -> Iterator[Source]:
     """Yield the files of a folder or archive, then those of folders and archives in it."""
     content = [path for path in sorted_in(_opened(place)) if not _is_above(path)]
-    folders = [
-        _opened(path).is_dir() for path in content
-    ]  # closes each archive, open files are few
+    folders = [_opened(path).is_dir() for path in content]  # without leaving archives open
     yield from (path for path, is_folder in zip(content, folders, strict=True) if not is_folder)
     for path in compress(content, folders):
         yield from _files_below(path)

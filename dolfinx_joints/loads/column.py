@@ -227,8 +227,9 @@ class RockColumn:
                 factor = f"{LARGEST_AMPLIFICATION:g} times as much as the surface"
                 raise RecordError(
                     f"From {limit:.3g} Hz the base would move more than {factor} along "
-                    f"{'xyz'[axis]}: use highest_frequency below {limit:.3g} Hz, or less damping."
+                    f"{'xyz'[axis]}: use highest_frequency below {limit:.3g} Hz, less damping, or a "
+                    "stiffer half space."
                 )
             spectrum[kept, axis] *= transfer
         values = np.fft.irfft(spectrum, n=period, axis=0)[: len(padded)]
-        return replace(surface, acceleration=values, name=f"{surface.name}, {kind} of the base")
+        return replace(surface, acceleration=values, name=f"{surface.name}, base ({kind})")

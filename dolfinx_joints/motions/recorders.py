@@ -195,6 +195,8 @@ def _csmip_channels(text: RecordText) -> Iterator[Component]:
     while number <= len(text.lines):
         title = _CSMIP_TITLE.match(text.lines[number - 1])
         if title is None:
+            if _CSMIP_BLOCK.match(text.lines[number - 1]):
+                text.fail(number, "accelerations of a channel without 'Corrected accelerogram'.")
             number += 1  # a line of velocities or displacements, or the end of a channel
             continue
         _, channel_line, block_line = _CSMIP_LINES[bool(title[1])]

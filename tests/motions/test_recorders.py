@@ -132,6 +132,10 @@ def test_channels_have_the_peaks_steps_and_directions_of_their_headers(
         (csmip(2, block="cm/s "), "line 46: must state number, time step and unit"),
         (csmip(1, block="furlongs"), "line 28: 'furlongs' is not a unit of acceleration"),
         (csmip(2)[:900], "ends after line"),
+        (
+            "Acc /&".join(csmip(1).rsplit("Uncorrected Acc", 1)),
+            "line 96: accelerations of a channel",
+        ),
         (csmip(2).replace(" 37 points of accel", " 39 points of accel"), "but line 46 states 39"),
         (geonet(2, count="47"), "line 30: 7 values; the lines before have 10"),
         (geonet(1, count="-7"), "line 20: the number of values must be an integer of 2 or more"),

@@ -385,6 +385,8 @@ def test_pictures_of_a_static_stage(tmp_path: Path, scenes) -> None:
         np.testing.assert_allclose(np.unique(body.point_data["value"]), [0.0, 2.0])  # mm
         views.joint_map(results, "opening")  # the last stage, as there are no other states
         np.testing.assert_allclose(scenes[-1].layers[1][0].cell_data["value"], [0, 0, 3, 3])
+        with pytest.raises(ValueError, match=r"a time or a stage, not both; got time=0.1, stage=0"):
+            plots.joint_traction(results, "joint_1", stage=0, time=0.1)
         ax = plots.joint_traction(results, "joint_1", stage=0)
         assert ax.get_title() == f"joint_1 after {WEIGHT}"
         with pytest.raises(ResultsError, match="No static stage 'summer'"):

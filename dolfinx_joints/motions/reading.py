@@ -296,7 +296,8 @@ def _assemble_motion(parts: list[Component], title: str) -> tuple[Motion, float 
     if len(parts) - len(vertical) != 2 or len(vertical) > 1 or len(pairs) != 1:
         raise RecordError(
             "A record must have two horizontal components at right angles, but "
-            f"{shown(title)} has {contents}; give directions= if the files do not state them."
+            f"{shown(title)} has {contents}; give read_record directions= if the files do not "
+            "state them."
         )
     ((x, y, azimuth),) = pairs
     columns = _common_interval((x, y, *vertical), title)

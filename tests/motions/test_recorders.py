@@ -157,7 +157,7 @@ def test_malformed_files_are_errors(tmp_path: Path, content: str, message: str) 
 
 def test_channels_of_unknown_direction_need_directions(tmp_path: Path) -> None:
     path = write(tmp_path, csmip(2, ways=("H1", "Up", "H2")))
-    with pytest.raises(RecordError, match=r"unknown direction.*give directions= if"):
+    with pytest.raises(RecordError, match=r"unknown direction.*give read_record directions= if"):
         read_record(path)
     motion = read_record(path, directions=[0, "UP", 270])
     np.testing.assert_allclose(motion.acceleration[:, 1], 0.03 * WAVE, atol=1e-9)

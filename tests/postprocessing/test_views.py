@@ -365,7 +365,7 @@ def test_states_are_those_of_the_file(results: Results, scenes) -> None:
     np.testing.assert_array_equal(scenes[0].layers[1][0].cell_data["value"], [2, 1, 1, 0])
     labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert labels == ["open", "sticking", "sliding", "closed without friction"]
-    shares = [share(picture(figure), c) for c in ([0, 0, 0], [158, 202, 225], [230, 85, 13])]
+    shares = [share(picture(figure), c) for c in ([150, 150, 150], [158, 202, 225], [230, 85, 13])]
     assert shares[1] > 1.5 * shares[0] > 0.0
     assert shares[2] > 0.5 * shares[0]
 

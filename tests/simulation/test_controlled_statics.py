@@ -163,6 +163,24 @@ def test_ranks_and_results_file(comm, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning")
+def test_constant_uplift_at_the_time_of_the_last_stage():
+    """An uplift of t times 0.1 MPa stays at its value at 2 s, in the equilibrium and in results."""
+    uplift = dj.Uplift(joint="joint", pressure=1e5, factor=lambda t: t)
+    pull = dj.Traction(group="pulled", value=(PULL, 0.0), factor=lambda t: 0.1 * t)
+    model = bar(loads=[uplift, pull])
+    simulation = dj.Simulation(model)
+    simulation.quasi_statics([2.0])
+    state = dj.controlled_statics(simulation, [30e-6], loads=[pull], quantity=GAP)
+    exact = (traction(30e-6, "linear") - 2e5) / (0.2 * PULL)
+    assert state.load_factor == pytest.approx(exact, rel=1e-9)
+    assert simulation.stages[-1].time == 2.0
+    np.testing.assert_allclose(simulation.stages[-1].pressure, 2e5)
+    # Results would have its pressure without the load factor.
+    with pytest.raises(ValueError, match="no water in joints"):
+        dj.controlled_statics(simulation, [40e-6], loads=[uplift], quantity=GAP)
+
+
+@pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning")
 def test_bad_input():
     """Each wrong argument raises one error; nothing is recorded."""
     model = bar()
@@ -180,7 +198,8 @@ def test_bad_input():
         ),
         (dict(quantity=dj.ControlledGap(joint="joint", component="s2")), {}, "do not change"),
         (dict(quantity=GAP), dict(solver="monolithic"), "condensed solver"),
-        (dict(loads=[]), {}, "at least one load"),
+        (dict(quantity=dj.ControlledDisplacement(along=(1, 0), place=(0.5, 0.0))), {}, "2 nodes"),
+        (dict(loads=[]), {}, "loads is"),
         (dict(loads=[dj.Gravity()]), {}, "not a load of the model"),
         (dict(values=[]), {}, "values"),
         (dict(values=[np.nan]), {}, "finite"),

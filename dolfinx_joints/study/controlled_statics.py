@@ -72,7 +72,7 @@ class ControlledGap:
             assert operator.sizes is not None
             if nearest > max(operator.comm.allgather(float(operator.sizes.max(initial=0.0)))):
                 where = f"{nearest:.3g} m from the joint {self.joint!r}"
-                raise MeshError(f"The point {shown(tuple(place))} is {where}; give a point on it.")
+                raise MeshError(f"The point {shown(self.point)} is {where}; give a point on it.")
             chosen = distance <= nearest + SAME_PLACE * extent(model.V)
         density = np.zeros_like(gap)
         density[chosen, axis] = 1.0 / summed(operator.comm, operator.areas @ chosen)
@@ -275,5 +275,5 @@ class ControlledPath(Equilibrium):
             return f"{last} Beyond it the path turns back (snap-back): {remedy} {joint}."
         return (
             f"{last} If the path turns back beyond it (snap-back), {remedy} the joint that breaks. "
-            "If all bonds are broken, no force remains to be followed. Are the values in metres?"
+            "If all bonds are broken, no force remains to be followed. The values must be in metres."
         )

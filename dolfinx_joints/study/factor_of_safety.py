@@ -17,6 +17,7 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.common.summary import Rows, Summarised, names
 from dolfinx_joints.loads.load import FollowsJoints, Load, load_names
+from dolfinx_joints.loads.water.joint_water import Uplift
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.resultants import JointForces
 from dolfinx_joints.postprocessing.joints.resultants import JointResultants
@@ -140,14 +141,17 @@ def factor_of_safety(
     applied = {"joints": of if divides else (), "multiplied": () if divides else of}
     trials = FailureTrials(model, before, acting, options, simulation.solver, time=time, **applied)
     lower, upper = _bracket(trials, tolerance)
-    named = zip(load_names(model.loads), model.loads, strict=True)
-    missing = tuple(n for n, load in named if not any(load is one for one in acting))
+    named = dict(zip(load_names(model.loads), model.loads, strict=True))
+    missing = tuple(n for n, load in named.items() if not any(load is one for one in acting))
+    times = {name: lower if name in applied["multiplied"] else 1.0 for name in named}
+    water = [_scaled(load, times[n]) for n, load in named.items() if n not in missing]
     state = trials.state({"missing": missing})
     acceleration = trials.acceleration(upper) if upper < math.inf else None
-    recorded.add_stage(stage := stage_record(model, "factor of safety", time, state, acting))
+    stage = stage_record(model, "factor of safety", time, state, acting, water)
+    recorded.add_stage(stage)
     if acceleration is not None:
         moved = replace(state, displacement=state.displacement + 0.5 * acceleration)  # after 1 s
-        recorded.add_stage(stage_record(model, "mechanism", time, moved, acting))
+        recorded.add_stage(stage_record(model, "mechanism", time, moved, acting, water))
     assert state.joints is not None
     return FactorOfSafety(
         factor=lower,
@@ -198,3 +202,10 @@ def _loads_of(
             )
     named = zip(load_names(model.loads), model.loads, strict=True)
     return tuple(name for name, load in named if any(load is one for one in chosen))
+
+
+def _scaled(load: Load, factor: float) -> Load:
+    """Return a load, with the pressure multiplied by a factor if it is an `Uplift`."""
+    if not isinstance(load, Uplift):
+        return load
+    return replace(load, factor=lambda time: factor * load.factor(time))

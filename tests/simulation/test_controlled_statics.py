@@ -160,6 +160,8 @@ def test_ranks_and_results_file(comm, tmp_path):
             np.testing.assert_allclose(results.series("statics", "controlled"), OPENINGS)
             stored = results.series("statics", "load_factor")
         np.testing.assert_allclose(stored, traction(OPENINGS, "linear") / PULL, atol=1e-8)
+        page = dj.report.write([path], path.with_suffix(".html")).read_text(encoding="utf-8")
+        assert "Controlled static stages" in page
 
 
 @pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning")

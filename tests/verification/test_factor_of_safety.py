@@ -192,6 +192,20 @@ def test_overturning_block_by_multiplied_load():
     assert safety.of == ("Traction_back",)
 
 
+def test_multiplied_uplift():
+    """Contact force and water pressure at F balance the weight; F is that of the planar slide."""
+    law = dj.FrictionNoTension(**STIFF, friction_angle_deg=40.0)
+    run = on_slope(law, [1e3])
+    uplift = next(load for load in run.model.loads if isinstance(load, dj.Uplift))
+    run.statics()
+    safety = dj.factor_of_safety(run, method="load", multiplied=[uplift])
+    assert planar(0.0, law.friction_coefficient, safety.factor * 1e3) == pytest.approx(1.0, rel=2e-3)
+    joint = safety.resultants["joint"]
+    np.testing.assert_allclose(
+        joint.force + joint.water_force, [0.0, WEIGHT, 0.0], atol=1e-6 * WEIGHT
+    )
+
+
 # A block in a groove: planes that dip from the line x = 0 to both sides, which plunges along y.
 GROOVE, PLUNGE, SIDE, LONG = (50.0, 35.0), 25.0, 2.0, 3.0
 

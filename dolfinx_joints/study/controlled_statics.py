@@ -211,7 +211,7 @@ class ControlledPath(Equilibrium):
         self._controlled = system.loads_by_name(time, 1.0)
         self._constant_loads = {n: v for n, v in carried.items() if n not in self._controlled}
         gap = np.zeros((0, 3)) if start is None else start.state.gap
-        self._direction, self._value = quantity.at(self._model, before.displacement, gap)
+        self._direction, self._start_value = quantity.at(self._model, before.displacement, gap)
         self._load, self._factor, self.factor = system.vector(), 0.0, 0.0
         for force in self._controlled.values():
             self._load.axpy(1.0, force)
@@ -227,31 +227,27 @@ class ControlledPath(Equilibrium):
 
     def follow(self, values: Sequence[float]) -> Iterator[StaticState]:
         """Yield the equilibrium at each value of the quantity [m] (collective)."""
-        increments = LoadIncrements([(None, float(value)) for value in values], self._value)
+        increments = LoadIncrements([(None, float(value)) for value in values], self._start_value)
         jumps = Jumps(self.ledger, self._model, False)
         watch = SmallDisplacements(self._model.contact)
         try:
             for increment in solve_increments(self, increments, jumps, "condensed", watch):
+                self.factor = self._factor
                 if increment.whole:
-                    facts = {"load_factor": self.factor, "controlled": self._value}
+                    facts = {"load_factor": self.factor, "controlled": increment.share}
                     yield self.state({"cuts": increments.cuts, **facts})
         except ConvergenceError as failure:
             if failure.law is None:
-                failure = locate(failure, reached=self.factor, remedy=self._remedy(failure))
+                failure = locate(failure, reached=self.factor, remedy=_remedy(failure))
             raise failure from None
         watch.warn("in a static stage")
         self.ledger.warn()
-
-    def accept(self, solved: SolvedIncrement, increment: Increment) -> None:
-        """Continue from the solution of an increment (collective)."""
-        super().accept(solved, increment)
-        self.factor, self._value = self._factor, increment.share
 
     def _set_up(self, increment: Increment) -> None:
         """Set b without the controlled loads, and x with the change of the quantity."""
         self._factor = 0.0
         super()._set_up(increment)
-        change = (increment.share - self._value) / (self._direction.norm() ** 2 or 1.0)
+        change = (increment.share - increment.start) / (self._direction.norm() ** 2 or 1.0)
         self._direction.copy(self._x)
         self._x.scale(change)
 
@@ -266,14 +262,15 @@ class ControlledPath(Equilibrium):
         """Return the loads by name at the end of an increment [N] (collective)."""
         return self._constant_loads | {n: self._factor * v for n, v in self._controlled.items()}
 
-    def _remedy(self, failure: ConvergenceError) -> str:
-        """Return the last value of the quantity, and what to do."""
-        last = f"At this equilibrium the controlled quantity is {self._value:.6g} m."
-        remedy = "control a quantity that grows along the whole path, such as the opening of"
-        if isinstance(failure, JumpError):
-            joint = f"the joint {failure.joints[0]!r}" if failure.joints else "a joint that breaks"
-            return f"{last} Beyond it the path turns back (snap-back): {remedy} {joint}."
-        return (
-            f"{last} If the path turns back beyond it (snap-back), {remedy} the joint that breaks. "
-            "If all bonds are broken, no force remains to be followed. The values must be in metres."
-        )
+
+def _remedy(failure: ConvergenceError) -> str:
+    """Return the value of the quantity at the start of the failed increment, and what to do."""
+    last = f"At the last equilibrium the controlled quantity is {failure.reached:.6g} m."
+    remedy = "control a quantity that grows along the whole path, such as the opening of"
+    if isinstance(failure, JumpError):
+        joint = f"the joint {failure.joints[0]!r}" if failure.joints else "a joint that breaks"
+        return f"{last} Beyond it the path turns back (snap-back): {remedy} {joint}."
+    return (
+        f"{last} If the path turns back beyond it (snap-back), {remedy} the joint that breaks. "
+        "If all bonds are broken, no force remains to be followed. The values must be in metres."
+    )

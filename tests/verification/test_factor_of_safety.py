@@ -199,7 +199,9 @@ def test_multiplied_uplift():
     uplift = next(load for load in run.model.loads if isinstance(load, dj.Uplift))
     run.statics()
     safety = dj.factor_of_safety(run, method="load", multiplied=[uplift])
-    assert planar(0.0, law.friction_coefficient, safety.factor * 1e3) == pytest.approx(1.0, rel=2e-3)
+    assert planar(0.0, law.friction_coefficient, safety.factor * 1e3) == pytest.approx(
+        1.0, rel=2e-3
+    )
     joint = safety.resultants["joint"]
     np.testing.assert_allclose(
         joint.force + joint.water_force, [0.0, WEIGHT, 0.0], atol=1e-6 * WEIGHT

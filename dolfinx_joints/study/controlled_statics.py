@@ -27,7 +27,6 @@ from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import stage_name, stage_record
 from dolfinx_joints.simulation.simulation import Simulation
 from dolfinx_joints.simulation.statics.jumps import Jumps
-from dolfinx_joints.simulation.statics.ledger import SolvedIncrement
 from dolfinx_joints.simulation.statics.load_increments import Increment, LoadIncrements
 from dolfinx_joints.simulation.statics.stage import Equilibrium, check_acting, solve_increments
 from dolfinx_joints.simulation.statics.stage_start import (

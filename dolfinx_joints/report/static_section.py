@@ -140,8 +140,8 @@ def _tables(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
         pieces.append(table(f"Static displacements ({run.label})", head, moved))
     if run.has("statics", "load_factor"):
         series = [run.results.series("statics", key) for key in ("load_factor", "controlled")]
-        rows = zip(run.results.stage_names, *series, strict=True)
-        if controlled := [[name, f, 1e3 * v] for name, f, v in rows if np.isfinite(f)]:
+        factors = zip(run.results.stage_names, *series, strict=True)
+        if controlled := [[name, f, 1e3 * v] for name, f, v in factors if np.isfinite(f)]:
             head = ["stage", "load factor", "gap or displacement [mm]"]
             pieces.append(table(f"Controlled static stages ({run.label})", head, controlled))
     if static_stages[0].joints:

@@ -168,7 +168,9 @@ def controlled_statics(
     for load in loads:
         # Results evaluate pressures in joints and thermal stresses without the load factor.
         scales = not isinstance(load, JointLoad | Temperature)
-        check_kind_of("A controlled load", load, scales, "no water in joints and no Temperature")
+        check_kind_of(
+            "A controlled load", load, scales, "a load other than Temperature and water in joints"
+        )
     kinds = ControlledGap | ControlledDisplacement
     check_kind_of("quantity", quantity, isinstance(quantity, kinds), "a controlled quantity")
     check_grouted(simulation.static)

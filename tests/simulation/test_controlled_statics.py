@@ -178,7 +178,7 @@ def test_constant_uplift_at_the_time_of_the_last_stage():
     assert simulation.stages[-1].time == 2.0
     np.testing.assert_allclose(simulation.stages[-1].pressure, 2e5)
     # Results would have its pressure without the load factor.
-    with pytest.raises(ValueError, match="no water in joints"):
+    with pytest.raises(ValueError, match="other than Temperature and water"):
         dj.controlled_statics(simulation, [40e-6], loads=[uplift], quantity=GAP)
 
 

@@ -69,7 +69,8 @@ class ControlledGap:
             distance = np.where(chosen, np.linalg.norm(operator.points - place, axis=1), np.inf)
             nearest = min(operator.comm.allgather(float(distance.min(initial=np.inf))))
             assert operator.sizes is not None
-            if nearest > max(operator.comm.allgather(float(operator.sizes.max(initial=0.0)))):
+            size = float(operator.sizes[chosen].max(initial=0.0))
+            if nearest > max(operator.comm.allgather(size)):
                 where = f"{nearest:.3g} m from the joint {self.joint!r}"
                 raise MeshError(f"The point {shown(self.point)} is {where}; give a point on it.")
             chosen = distance <= nearest + SAME_PLACE * extent(model.V)

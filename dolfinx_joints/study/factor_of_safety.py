@@ -17,6 +17,7 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.common.summary import Rows, Summarised, names
 from dolfinx_joints.loads.load import FollowsJoints, Load, load_names
+from dolfinx_joints.loads.temperature.thermal_strain import Temperature
 from dolfinx_joints.loads.water.joint_water import Uplift
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.resultants import JointForces
@@ -125,7 +126,7 @@ def factor_of_safety(
     check_kind_of(unused, value, value is None, f"None with the method {method!r}")
     check_acting(model, acting)
     check_kind_of("loads", acting, len(acting) > 0, "at least one load of the model")
-    of = chosen if divides else _loads_of(model, multiplied, acting)
+    of = chosen if divides else _loads_of(model, multiplied, acting, recorded=bool(monitors))
     before = simulation.static if start is None else start
     if before is None:
         raise JointsError("factor_of_safety() needs a static state: run statics() first.")
@@ -189,7 +190,7 @@ def _bracket(trials: FailureTrials, tolerance: float) -> tuple[float, float]:
 
 
 def _loads_of(
-    model: Model, multiplied: Sequence[Load] | None, acting: Sequence[Load]
+    model: Model, multiplied: Sequence[Load] | None, acting: Sequence[Load], *, recorded: bool
 ) -> tuple[str, ...]:
     """Return the names of the loads that are multiplied."""
     chosen = acting if multiplied is None else multiplied
@@ -199,6 +200,11 @@ def _loads_of(
             raise ValueError(
                 f"The load {type(load).__name__} cannot be multiplied; it must act, and it must "
                 "not be water that follows the openings of joints."
+            )
+        if recorded and isinstance(load, Temperature):
+            raise ValueError(
+                "Monitors record thermal stresses without the factor; pass multiplied= without "
+                "Temperature, or no monitors."
             )
     named = zip(load_names(model.loads), model.loads, strict=True)
     return tuple(name for name, load in named if any(load is one for one in chosen))

@@ -208,6 +208,23 @@ def test_multiplied_uplift():
     )
 
 
+def test_multiplied_temperature_is_not_recorded(tmp_path):
+    """Results have thermal stresses without the factor, so that monitors are refused."""
+    warmth = dj.Temperature(value=1.0, reference=0.0, expansion=1e-5)
+    model = dj.Model(
+        slope_mesh(0.0),
+        material=ROCK,
+        joints=dj.FrictionNoTension(**STIFF, friction_angle_deg=40.0),
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity(), warmth],
+    )
+    run = dj.Simulation(model)
+    run.statics()
+    monitor = dj.ResultsMonitor(tmp_path / "limit.h5", points={})
+    with pytest.raises(ValueError, match="multiplied= without Temperature"):
+        dj.factor_of_safety(run, method="load", monitors=[monitor])
+
+
 # A block in a groove: planes that dip from the line x = 0 to both sides, which plunges along y.
 GROOVE, PLUNGE, SIDE, LONG = (50.0, 35.0), 25.0, 2.0, 3.0
 

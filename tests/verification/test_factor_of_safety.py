@@ -220,7 +220,7 @@ def test_multiplied_temperature_is_not_recorded(tmp_path):
     )
     run = dj.Simulation(model)
     run.statics()
-    monitor = dj.ResultsMonitor(tmp_path / "limit.h5", points={})
+    monitor = dj.ResultsMonitor(tmp_path / "limit.h5", points={"top": (0.0, 1.0 + HEIGHT)})
     with pytest.raises(ValueError, match="multiplied= without Temperature"):
         dj.factor_of_safety(run, method="load", monitors=[monitor])
 

@@ -26,6 +26,7 @@ from dolfinx_joints.simulation.monitor import report_failures
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import stage_name, stage_record
 from dolfinx_joints.simulation.simulation import Simulation
+from dolfinx_joints.simulation.start_checks import check_built
 from dolfinx_joints.simulation.statics.jumps import Jumps
 from dolfinx_joints.simulation.statics.load_increments import Increment, LoadIncrements
 from dolfinx_joints.simulation.statics.stage import Equilibrium, check_acting, solve_increments
@@ -34,7 +35,7 @@ from dolfinx_joints.simulation.statics.stage_start import (
     start_of_stage,
     unloaded_state,
 )
-from dolfinx_joints.simulation.statics.unfinished import check_grouted, check_joints, points_of
+from dolfinx_joints.simulation.statics.unfinished import check_joints, points_of
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.step_solver import SolverOptions
 from dolfinx_joints.time_integration.products import Products
@@ -174,7 +175,7 @@ def controlled_statics(
         )
     kinds = ControlledGap | ControlledDisplacement
     check_kind_of("quantity", quantity, isinstance(quantity, kinds), "a controlled quantity")
-    check_grouted(simulation.static)
+    check_built(simulation.static)
     before = simulation.static or unloaded_state(model)
     named = dict(zip(load_names(model.loads), model.loads, strict=True))
     names = [n for n, m in named.items() if n in before.loads or any(m is x for x in loads)]

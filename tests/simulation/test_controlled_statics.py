@@ -183,6 +183,31 @@ def test_constant_uplift_at_the_time_of_the_last_stage():
 
 
 @pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning")
+def test_an_absent_block_is_refused():
+    """The weight of the block is not among the constant loads."""
+    jointed = box(
+        (1.0, 1.0),
+        (2, 2),
+        joints={"joint": (1, 0.5)},
+        groups={"base": (1, 0.0), "top": (1, 1.0)},
+        cells={"lower": (0.0, 0.5), "upper": (0.5, 1.0)},
+        comm=MPI.COMM_SELF,
+    )
+    weight, pull = dj.Gravity(), dj.Traction(group="top", value=(0.0, PULL))
+    model = dj.Model(
+        jointed,
+        material=dj.Elastic(young=YOUNG, poisson=0.0, density=2400.0),
+        joints=bar().contact.laws["joint"],
+        supports=[dj.Fixed(group="base")],
+        loads=[weight, pull],
+    )
+    simulation = dj.Simulation(model)
+    simulation.statics(loads=[weight], absent=["upper"])
+    with pytest.raises(dj.JointsError, match="upper is absent"):
+        dj.controlled_statics(simulation, [1e-6], loads=[pull], quantity=GAP)
+
+
+@pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning")
 def test_bad_input():
     """Each wrong argument raises one error; nothing is recorded."""
     model = bar()

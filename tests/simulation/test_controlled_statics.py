@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Static stages controlled by a gap or a displacement: softening bar, snap-back, results, input."""
 
+import dataclasses
 import warnings
 
 import numpy as np
@@ -180,6 +181,34 @@ def test_constant_uplift_at_the_time_of_the_last_stage():
     # Results would have its pressure without the load factor.
     with pytest.raises(ValueError, match="other than Temperature and water"):
         dj.controlled_statics(simulation, [40e-6], loads=[uplift], quantity=GAP)
+
+
+@pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning")
+def test_intact_branch_beside_a_weaker_joint():
+    """Below the strength of both joints, each opens by t / k_n.
+
+    A second equilibrium has the same opening of the stronger joint and a softened weaker joint.
+    """
+    law = bar().contact.laws["joint"]
+    laws = {"joint": law, "weak": dataclasses.replace(law, tensile_strength=0.5 * STRENGTH)}
+    jointed = box(
+        (1.0, 0.1),
+        (16, 2),
+        joints={"joint": (0, 0.25), "weak": (0, 0.75)},
+        groups={"fixed": (0, 0.0), "pulled": (0, 1.0), "base": (1, 0.0), "top": (1, 0.1)},
+        comm=MPI.COMM_SELF,
+    )
+    rollers = [dj.Fixed(group=group, components="y") for group in ("base", "top")]
+    model = dj.Model(
+        jointed,
+        material=dj.Elastic(young=YOUNG, poisson=0.0, density=0.0),
+        joints=laws,
+        supports=[dj.Fixed(group="fixed"), *rollers],
+        loads=[dj.Traction(group="pulled", value=(PULL, 0.0))],
+    )
+    simulation, factors = follow(model, [1e-7, 1.4e-7])
+    np.testing.assert_allclose(factors, [1.0, 1.4], rtol=1e-9)
+    np.testing.assert_allclose(simulation.static.joints.state.gap[:, 0], 1.4e-7, rtol=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning")

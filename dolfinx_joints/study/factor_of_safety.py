@@ -108,7 +108,8 @@ def factor_of_safety(
         time: Time at which the loads are evaluated [s]; by default that of a dynamic ``start`` or,
             without ``start``, of the simulation's last stage; else zero.
         tolerance: Relative width of the interval of F.
-        monitors: Observers of the two stages, with separate files.
+        monitors: Observers of the two stages, with separate files; none if a `Temperature` is
+            multiplied.
 
     Raises:
         JointsError: There is no static state, or no equilibrium at any factor from 1/64 to 1.

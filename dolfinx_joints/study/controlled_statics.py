@@ -41,8 +41,6 @@ from dolfinx_joints.solvers.step_solver import SolverOptions
 from dolfinx_joints.time_integration.products import Products
 from dolfinx_joints.time_integration.substeps import locate
 
-Point = Annotated[Sequence[float], at.MinLen(2), at.MaxLen(3), at.Unit("m")]
-
 
 @dataclass(frozen=True, kw_only=True)
 @checked
@@ -57,7 +55,7 @@ class ControlledGap:
 
     joint: str
     component: Literal["opening", "s1", "s2"] = "opening"
-    point: Point | None = None
+    point: Annotated[Sequence[float], at.Len(2, 3), at.Unit("m")] | None = None
 
     def at(self, model: Model, u: PETSc.Vec, gap: Floats) -> tuple[PETSc.Vec, float]:
         """Return the derivative c by the displacement, and the value at gaps (n, 3) [m]."""

@@ -31,16 +31,15 @@ def load_med(path: Path) -> FileMesh:
         nodes, blocks, numbers = times[0]["NOE"], [], []
         x = nodes["COO"][()].reshape(-1, nodes["COO"].attrs["NBR"]).T
         for name, block in times[0].get("MAI", {}).items():
-            rows = block["NOD"][()].reshape(-1, block["NOD"].attrs["NBR"]).T - 1
+            rows = block["NOD"][()].reshape(-1, block["NOD"].attrs["NBR"]).T
             kind = _KINDS.get(name, _KINDS.get(name[:2], name))
             blocks.append((kind, rows[:, _H27] if name == "H27" else rows))
             numbers.append(_families(block, len(rows)))
-        return FileMesh.of(
-            x,
-            blocks,
-            element_sets=_groups(families.get("ELEME", {}), np.concatenate(numbers)),
-            node_sets=_groups(families.get("NOEUD", {}), _families(nodes, len(x))),
-        )
+        family = np.concatenate(numbers)
+        node_sets = _groups(families.get("NOEUD", {}), _families(nodes, len(x)))
+        element_sets = _groups(families.get("ELEME", {}), family)
+        labels = (np.arange(1, len(own) + 1) for own in (x, family))
+        return FileMesh.of(x, blocks, *labels, node_sets, element_sets)
 
 
 def _families(entities: Any, count: int) -> Ints:
@@ -49,10 +48,10 @@ def _families(entities: Any, count: int) -> Ints:
 
 
 def _groups(families: Any, family_of: Ints) -> dict[str, Ints]:
-    """Return the members of each group, which consists of families."""
+    """Return the labels from 1 of the members of each group, which consists of families."""
     numbers: dict[str, list[int]] = {}
     for family in families.values():
         for letters in family["GRO/NOM"][()] if "GRO" in family else ():
             name = bytes(letters.astype(np.uint8)).partition(b"\0")[0].decode().strip()
             numbers.setdefault(name, []).append(family.attrs["NUM"])
-    return {name: np.flatnonzero(np.isin(family_of, own)) for name, own in numbers.items()}
+    return {name: 1 + np.flatnonzero(np.isin(family_of, own)) for name, own in numbers.items()}

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -54,6 +54,7 @@ class FileMesh:
         kind: ``line``, ``triangle``, ``quadrilateral``, ``tetrahedron``, ``pyramid``, ``wedge``,
             ``hexahedron``, ``cohesive``, or the file's name of another kind, shape (elements,).
         nodes: Nodes of each element in the order of VTK, filled with -1 to the longest element.
+        element: Returns the numbers of elements from their labels in the file.
         element_sets: Element numbers of each set.
         node_sets: Node numbers of each set.
         facets: Vertices of the facets of each surface, in several arrays.
@@ -62,55 +63,84 @@ class FileMesh:
     x: Floats
     kind: NDArray[np.str_]
     nodes: Ints
+    element: Callable[[Any], Ints]
     element_sets: dict[str, Ints]
     node_sets: dict[str, Ints]
     facets: dict[str, list[Ints]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, x: Floats, blocks: Sequence[tuple[str, Ints]], **sets: Any) -> FileMesh:
-        """Return the mesh of blocks, each with the kind and the nodes of its elements."""
+    def of(
+        cls,
+        x: Floats,
+        blocks: Sequence[tuple[str, Any]],
+        node_labels: Any,
+        element_labels: Any,
+        node_sets: Mapping[str, Any],
+        element_sets: Mapping[str, Any],
+    ) -> FileMesh:
+        """Return the mesh of labels: blocks have the kind and the nodes of their elements."""
+        node, element = _numbers("node", node_labels), _numbers("element", element_labels)
         kind = np.repeat([kind for kind, _ in blocks], [len(nodes) for _, nodes in blocks])
         width = max([8, *(nodes.shape[1] for _, nodes in blocks)])
-        rows = [np.pad(n, ((0, 0), (0, width - n.shape[1])), constant_values=-1) for _, n in blocks]
+        rows = [
+            np.pad(node(own), ((0, 0), (0, width - own.shape[1])), constant_values=-1)
+            for _, own in blocks
+        ]
         nodes = np.vstack([np.empty((0, width), dtype=np.int64), *rows])
         if not np.isfinite(x).all():
             raise MeshError("the file has coordinates that are not finite numbers.")
-        if nodes.max(initial=-1) >= len(x):
-            raise MeshError(f"elements have node {nodes.max() + 1}, the last one is {len(x)}.")
-        return cls(x=x, kind=kind, nodes=nodes, **sets)
+        return cls(
+            x=x,
+            kind=kind,
+            nodes=nodes,
+            element=element,
+            element_sets={name: element(members) for name, members in element_sets.items()},
+            node_sets={name: node(members) for name, members in node_sets.items()},
+        )
 
     def add_sides(
-        self, name: str, elements: Ints, label: Any, sides: Mapping[str, Mapping[Any, str]]
+        self, name: str, labels: Any, side: Any, sides: Mapping[str, Mapping[Any, str]]
     ) -> None:
         """Add a side of elements to the facets of a surface.
 
         ``sides`` has the vertices, from 1, of the sides of each kind by their labels in the file.
         """
+        elements = self.element(labels)
         for kind in np.unique(self.kind[elements]):
-            if label not in sides.get(kind, ()):
+            if kind not in sides:
+                warn(f"The surface {name!r} has sides of {kind} elements, which are not read.")
+                continue
+            if side not in sides[kind]:
+                known = ", ".join(map(str, sides[kind]))
                 raise MeshError(
-                    f"the surface {name!r} has the unknown side {label} of {kind} cells."
+                    f"the surface {name!r} has the unknown side {side!r} of {kind} cells; known "
+                    f"sides are: {known}."
                 )
-            local = [int(vertex) - 1 for vertex in sides[kind][label]]
+            local = [int(vertex) - 1 for vertex in sides[kind][side]]
             own = self.nodes[elements[self.kind[elements] == kind]]
             self.facets[name].append(own[:, local])
 
 
-def positions(entity: str, labels: Ints, wanted: Any) -> Ints:
-    """Return the positions of wanted labels, an array of any shape, in the labels of a file.
+def _numbers(entity: str, given: Any) -> Callable[[Any], Ints]:
+    """Return a function of labels, an array of any shape, that returns their positions.
 
     Raises:
-        MeshError: A label occurs twice, or a wanted label is not in the file.
+        MeshError: A label occurs twice, or (in the function) is not in the file.
     """
-    wanted = np.asarray(wanted, dtype=np.int64)
+    labels = np.asarray(given, dtype=np.int64)
     order = np.argsort(labels, kind="stable")
     ordered = np.append(labels[order], np.iinfo(np.int64).max)
     if len(twice := ordered[1:][ordered[1:] == ordered[:-1]]):
         raise MeshError(f"{entity} {twice[0]} is defined twice.")
-    place = np.searchsorted(ordered, wanted)
-    if len(lost := wanted[ordered[place] != wanted]):
-        raise MeshError(f"{entity} {lost[0]} is used, but the file does not define it.")
-    return order[place]
+
+    def positions(given: Any) -> Ints:
+        wanted = np.asarray(given, dtype=np.int64)
+        place = np.searchsorted(ordered, wanted)
+        if len(lost := wanted[ordered[place] != wanted]):
+            raise MeshError(f"{entity} {lost[0]} is used, but the file does not define it.")
+        return order[place]
+
+    return positions
 
 
 def named_mesh(file: FileMesh, joints: list[str] | None) -> tuple[RawMesh, list[str] | None]:

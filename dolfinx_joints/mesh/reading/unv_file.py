@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dolfinx_joints.common.arrays import Ints
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.mesh.reading.named_sets import FileMesh, positions
+from dolfinx_joints.mesh.reading.named_sets import FileMesh
 
 _GROUPS, _OLD_GROUPS = {2435, 2452, 2467, 2477}, {752, 2417, 2429, 2430, 2432}
 _BEAMS = (11, 21, 22, 23, 24)  # these elements have an additional line in the file
@@ -58,27 +57,24 @@ def load_unv(path: Path) -> FileMesh:
                 entries = [next(lines).split() for _ in range(-(-count // 2))]
                 table = np.array([int(n) for row in entries for n in row]).reshape(count, 4)
                 groups.append((name, table))
-    nodes = np.array(node_labels, dtype=np.int64)
-    elements = np.array([label for own in of_kind.values() for label in own], dtype=np.int64)
-    node_sets: dict[str, Ints] = {}
-    element_sets: dict[str, Ints] = {}
+    node_sets, element_sets = {}, {}
     for name, table in groups:
         if name in node_sets or name in element_sets:
             raise MeshError(f"two groups have the name {name!r}.")
         members, of_nodes = (table[table[:, 0] == code, 1] for code in (8, 7))
         if len(members) or not len(of_nodes):
-            element_sets[name] = positions("element", elements, np.unique(members))
+            element_sets[name] = np.unique(members)
         if len(of_nodes):
-            node_sets[name] = positions("node", nodes, np.unique(of_nodes))
-    blocks = [(kind, positions("node", nodes, own)) for (kind, _), own in rows.items()]
-    return FileMesh.of(
-        np.array(x).reshape(-1, 3), blocks, node_sets=node_sets, element_sets=element_sets
-    )
+            node_sets[name] = np.unique(of_nodes)
+    blocks = [(kind, np.array(own)) for (kind, _), own in rows.items()]
+    elements = [label for labels in of_kind.values() for label in labels]
+    nodes = np.array(x).reshape(-1, 3)
+    return FileMesh.of(nodes, blocks, node_labels, elements, node_sets, element_sets)
 
 
 def _datasets(path: Path) -> Iterator[tuple[int, Iterator[str]]]:
     """Yield the number and the lines of each dataset, which is between two lines with -1."""
-    lines = iter(path.read_text(encoding="utf-8", errors="replace").splitlines())
+    lines = iter(path.read_text(encoding="utf-8-sig", errors="replace").splitlines())
     for line in lines:
         if line.strip() == "-1":
             number, *content = [*takewhile(lambda line: line.strip() != "-1", lines)] or ["0"]

@@ -211,7 +211,7 @@ def inp(comm, new_path):
 
 def test_sets_and_surfaces_of_abaqus(comm, inp):
     with (
-        pytest.warns(UserWarning, match="not facets of the body and are not read: crest")
+        pytest.warns(UserWarning, match="of the body, which are not read: crest")
         if (comm.rank == 0)
         else warnings.catch_warnings()
     ):
@@ -260,8 +260,7 @@ def test_forms_of_an_abaqus_file(comm, inp, old, new):
 
 @pytest.mark.filterwarnings("ignore:Elements that are not read")
 @pytest.mark.filterwarnings("ignore:The surface 'top' has sides of AC3D8")
-@pytest.mark.filterwarnings("ignore:The set 'upper' has no cells")
-@pytest.mark.filterwarnings("ignore:The surface 'top' is empty")
+@pytest.mark.filterwarnings("ignore:Sets without cells or facets")
 def test_acoustic_elements_are_not_a_part_of_the_body(comm, inp):
     text = BRICKS.replace(CREST, "").replace("C3D8R,\n elset=upper", "AC3D8,\n elset=upper")
     jointed = dj.read_mesh(inp(text), comm, unit="m", joints=[])
@@ -502,7 +501,7 @@ SHELL = "*Element, type=S4, elset=base\n 31, 1, 2, 3, 4\n"
         ),
     ],
 )
-@pytest.mark.filterwarnings("ignore:Node sets that are not facets", "ignore:Elements that are not")
+@pytest.mark.filterwarnings("ignore:Sets without cells", "ignore:Elements that are not")
 @pytest.mark.filterwarnings("ignore:The surface 'top' has sides")
 def test_mistakes_in_a_file_are_one_error(comm, inp, text, sentence):
     path = inp(text)
@@ -515,9 +514,9 @@ def test_mistakes_in_a_file_are_one_error(comm, inp, text, sentence):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        (BRICKS + "*Nset, nset=all\n 1, 2\n", "are not facets of the body and are not read: crest"),
-        (BRICKS + "*Surface, name=none\n", "The surface 'none' is empty and is not read."),
-        (BRICKS + "*Elset, elset=none\n", "The set 'none' has no cells or facets and is not read"),
+        (BRICKS + "*Nset, nset=all\n 1, 2\n", "of the body, which are not read: all, crest."),
+        (BRICKS + "*Surface, name=none\n", "which are not read: crest, none."),
+        (BRICKS + "*Elset, elset=none\n", "which are not read: crest, none."),
         (BRICKS + "*Element, type=MASS, elset=m\n 99, 1\n", "Elements that are not read: 1 MASS."),
         (BRICKS + "*Surface, type=NODE, name=n\n base\n", "The surface 'n' does not consist of"),
     ],

@@ -114,7 +114,7 @@ class _Content:
             for entity in ("NSET", "ELSET")
         )
         x = np.array(self.x).reshape(-1, 3)
-        mesh = FileMesh.of(x, self.blocks, *self.labels.values(), nodes, elements)
+        mesh = FileMesh(x, self.blocks, *self.labels.values(), nodes, elements)
         for options, lines in self.surfaces:
             name = options.get("NAME", "")
             if options.get("TYPE", "ELEMENT").upper() != "ELEMENT" or "COMBINE" in options:

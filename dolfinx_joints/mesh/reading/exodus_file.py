@@ -63,7 +63,7 @@ def _mesh(variables: Mapping[str, tuple[Any, Mapping[str, Any]]]) -> FileMesh:
         name: values.get(f"node_ns{k}", none) for k, name in _names(values, "ns", "nodeset").items()
     }
     labels = np.arange(1, len(x) + 1), np.arange(1, start)
-    mesh = FileMesh.of(x, blocks, *labels, node_sets, element_sets)
+    mesh = FileMesh(x, blocks, *labels, node_sets, element_sets)
     for k, name in _names(values, "ss", "sideset").items():
         sides, own = (values.get(f"{part}_ss{k}", none) for part in ("side", "elem"))
         # Sides 1 and 2 of a shell are its faces; its edges have the numbers from 3.

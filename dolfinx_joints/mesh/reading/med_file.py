@@ -39,7 +39,7 @@ def load_med(path: Path) -> FileMesh:
         node_sets = _groups(families.get("NOEUD", {}), _families(nodes, len(x)))
         element_sets = _groups(families.get("ELEME", {}), family)
         labels = (np.arange(1, len(own) + 1) for own in (x, family))
-        return FileMesh.of(x, blocks, *labels, node_sets, element_sets)
+        return FileMesh(x, blocks, *labels, node_sets, element_sets)
 
 
 def _families(entities: Any, count: int) -> Ints:

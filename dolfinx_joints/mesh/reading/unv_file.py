@@ -69,7 +69,7 @@ def load_unv(path: Path) -> FileMesh:
     blocks = [(kind, np.array(own)) for (kind, _), own in rows.items()]
     elements = [label for labels in of_kind.values() for label in labels]
     nodes = np.array(x).reshape(-1, 3)
-    return FileMesh.of(nodes, blocks, node_labels, elements, node_sets, element_sets)
+    return FileMesh(nodes, blocks, node_labels, elements, node_sets, element_sets)
 
 
 def _datasets(path: Path) -> Iterator[tuple[int, Iterator[str]]]:

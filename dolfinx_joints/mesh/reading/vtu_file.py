@@ -53,7 +53,7 @@ def load_vtu(path: Path) -> FileMesh:
     x = vtk_to_numpy(grid.GetPoints().GetData()).astype(np.float64)
     node_sets = _sets(grid.GetPointData(), vtk_to_numpy, without=0)
     element_sets = _sets(grid.GetCellData(), vtk_to_numpy)
-    return FileMesh.of(x, blocks, np.arange(len(x)), np.concatenate(order), node_sets, element_sets)
+    return FileMesh(x, blocks, np.arange(len(x)), np.concatenate(order), node_sets, element_sets)
 
 
 def _sets(data: Any, array_of: Any, without: int | None = None) -> dict[str, Ints]:

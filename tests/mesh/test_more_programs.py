@@ -238,6 +238,25 @@ def test_groups_of_a_universal_file_by_hand(comm, new_path):
     assert size(jointed, jointed.ds("base")) == pytest.approx(0.01, rel=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:Elements that are not read")
+@pytest.mark.parametrize(
+    ("kind", "radius", "global_axes"),
+    [(0, "1.0D+00", True), (1, "1.0D+00", False), (0, "-1", False)],
+)
+def test_coordinate_systems_of_a_universal_file(comm, new_path, kind, radius, global_axes):
+    """Dataset 2420 has cylindrical (1) or turned systems; nodes of the file are in system 1."""
+    rows = f" {radius} 0 0\n 0 1 0\n 0 0 1\n 0 0 0\n"
+    system = f"    -1\n  2420\n 1\nPart\n 1 {kind} 8\nCS1\n{rows}    -1\n"
+    text, path = UNV.format(element=MASS, name="dam", label=7), new_path("plate.unv")
+    on_root(comm, lambda: path.write_text(system + text))
+    if global_axes:
+        jointed = dj.read_mesh(path, comm, unit="m")
+        assert size(jointed, jointed.dx("dam")) == pytest.approx(0.5, rel=1e-12)
+        return
+    with pytest.raises(dj.MeshError, match="nodes are in the local coordinate system 1; write the"):
+        dj.read_mesh(path, comm, unit="m")
+
+
 @pytest.mark.parametrize("suffix", [".unv", ".exo", ".g", ".vtu"])
 @pytest.mark.parametrize("content", [b"", b"text", b"CDF\x05abcd", b"<VTKFile>"])
 def test_files_that_cannot_be_read(comm, new_path, suffix, content):

@@ -382,6 +382,30 @@ def test_duplicated_nodes_become_a_joint(comm, inp, joint, name):
     check_equal(results(jointed), results(conforming))
 
 
+KINKED = """\
+*NODE
+1, 0, 0
+2, 1, 0
+3, 2, 0
+4, 0, 1
+5, 1, 1
+6, 2, 1
+*ELEMENT, TYPE=CPE3
+1, 1, 2, 5
+2, 1, 5, 4
+3, 2, 3, 6
+4, 2, 6, 5
+*NSET, NSET=joint
+2, 5, 6
+"""
+
+
+def test_a_kinked_joint_needs_facets(comm, inp):
+    """The cell 2, 5, 6 is in the kink: its third edge has both ends in the set, but is no joint."""
+    with pytest.raises(dj.MeshError, match="'joint' has all vertices of some cells, so that the"):
+        dj.read_mesh(inp(KINKED), comm, unit="m")
+
+
 def test_cohesive_elements_with_a_thickness_keep_it_as_initial_gap(comm, inp):
     text = re.sub(r"(  5[1-4],.*) 1\.\n", r"\1 1.01\n", COHESIVE)
     path = inp(text + LAYER)

@@ -147,7 +147,8 @@ def named_mesh(file: FileMesh, joints: list[str] | None) -> tuple[RawMesh, list[
             groups[name] = own
         if len(own := members[dims[members] == dim - 1]):
             file.facets.setdefault(name, []).append(file.nodes[own, :corners])
-    unread, used = _add_node_sets(file, cells, shape, groups), np.unique(cells)
+    listed = joints if isinstance(joints, list | tuple) else ()
+    unread, used = _add_node_sets(file, cells, shape, groups, listed), np.unique(cells)
     for name, parts in file.facets.items():
         if any(part.shape[1] != corners or not np.isin(part, used).all() for part in parts):
             raise MeshError(f"the group {name!r} has facets that are not faces of the cells.")
@@ -244,7 +245,7 @@ def _add_layers(file: FileMesh, is_cell: Flags) -> tuple[Flags, list[str]]:
 
 
 def _add_node_sets(
-    file: FileMesh, cells: Ints, shape: CellShape, groups: Mapping[str, Ints]
+    file: FileMesh, cells: Ints, shape: CellShape, groups: Mapping[str, Ints], joints: Sequence[str]
 ) -> set[str]:
     """Add the facets with all vertices in a node set, unless an element set has its nodes.
 
@@ -266,8 +267,14 @@ def _add_node_sets(
             continue
         if name in file.facets:
             raise MeshError(f"{name!r} is a node set and a set of other facets; rename one.")
-        if not len(inside) and name.lower().startswith("joint"):
-            raise MeshError(f"no facet has all its vertices in the node set {name!r}.")
+        if name in joints or name.lower().startswith("joint"):
+            if not len(inside):
+                raise MeshError(f"no facet has all its vertices in the node set {name!r}.")
+            if len(whole):
+                raise MeshError(
+                    f"the node set {name!r} has all vertices of some cells, so that the facets of "
+                    "this joint are not clear; define it by a surface or by elements."
+                )
         if np.isin(inside, whole).all():
             unread.add(name)
         else:

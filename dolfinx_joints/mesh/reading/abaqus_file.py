@@ -25,7 +25,7 @@ _TYPES = {  # kinds by the number of nodes, which is in the name of a type
     | dict.fromkeys((4, 8, 9), "quadrilateral"),
     r"(?:T[23]D|R2D)([23])": dict.fromkeys((2, 3), "line"),
 }
-_C3D27 = [*range(20), 26, 24, 23, 25, 21, 22, 20]  # in Abaqus the centre is before the faces
+_C3D27 = [*range(21), 27, 25, 24, 26, 22, 23, 21]  # in Abaqus the centre is before the faces
 _SIDES = {
     "triangle": dict(S1="12", S2="23", S3="31", SPOS="123", SNEG="123"),
     "quadrilateral": dict(S1="12", S2="23", S3="34", S4="41", SPOS="1234", SNEG="1234"),
@@ -52,7 +52,7 @@ class _Content:
     def __init__(self) -> None:
         self.x: list[list[float]] = []
         self.blocks: list[tuple[str, Ints]] = []
-        self.labels: dict[str, list[int]] = {"NSET": [], "ELSET": []}
+        self.nodes: list[int] = []
         self.sets: dict[str, Sets] = {"NSET": {}, "ELSET": {}}
         self.internal: set[str] = set()
         self.surfaces: list[tuple[dict[str, str], list[str]]] = []
@@ -70,16 +70,15 @@ class _Content:
                 [float(item.strip() or 0) for item in [*row[1:], "", ""][:3]] for row in rows
             ]
             members = [int(row[0]) for row in rows]
+            self.nodes += members
         elif keyword == "ELEMENT":
-            kind, members, nodes = _elements(options.get("TYPE", "").upper(), lines)
-            self.blocks.append((kind, nodes))
+            self.blocks.append(_elements(options.get("TYPE", "").upper(), lines))
+            members = self.blocks[-1][1][:, 0].tolist()
         elif keyword in ("NSET", "ELSET"):
             members = _members(options, lines)
             self.internal |= {options.get(entity, "").upper()} if "INTERNAL" in options else set()
         elif keyword == "SURFACE" and "INTERNAL" not in options:
             self.surfaces.append((options, lines))
-        if keyword in ("NODE", "ELEMENT"):
-            self.labels[entity] += members
         if keyword in ("NODE", "ELEMENT", "NSET", "ELSET") and (name := options.get(entity)):
             self.sets[entity].setdefault(name.upper(), (name, []))[1].extend(members)
 
@@ -114,7 +113,7 @@ class _Content:
             for entity in ("NSET", "ELSET")
         )
         x = np.array(self.x).reshape(-1, 3)
-        mesh = FileMesh(x, self.blocks, *self.labels.values(), nodes, elements)
+        mesh = FileMesh(x, self.blocks, self.nodes, nodes, elements)
         for options, lines in self.surfaces:
             name = options.get("NAME", "")
             if options.get("TYPE", "ELEMENT").upper() != "ELEMENT" or "COMBINE" in options:
@@ -161,18 +160,17 @@ def _sections(path: Path) -> Iterator[tuple[str, dict[str, str], list[str]]]:
             header, lines = line, []
 
 
-def _elements(name: str, lines: list[str]) -> tuple[str, list[int], Ints]:
-    """Return the kind, the labels and the nodes of the elements of a section."""
+def _elements(name: str, lines: list[str]) -> tuple[str, Ints]:
+    """Return the kind, and the label and nodes of the elements of a section."""
     for pattern, kinds in _TYPES.items():
         if (found := re.match(pattern, name)) and (count := int(found[1])) in kinds:
             items = [int(item) for item in ",".join(lines).split(",") if item.strip()]
             table = np.array(items, dtype=np.int64).reshape(-1, count + 1)
-            nodes = table[:, 1:][:, _C3D27 if count == 27 else slice(None)]
-            return kinds[count], list(map(int, table[:, 0])), nodes
+            return kinds[count], table[:, _C3D27] if count == 27 else table
     # The nodes are not needed; an element continues after a line that ends with a comma.
     starts = [k == 0 or not lines[k - 1].endswith(",") for k in range(len(lines))]
     labels = [int(line.split(",")[0]) for line, start in zip(lines, starts, strict=True) if start]
-    return name or "element without a type", labels, np.empty((len(labels), 0), dtype=np.int64)
+    return name or "element without a type", np.array(labels).reshape(-1, 1)
 
 
 def _members(options: dict[str, str], lines: list[str]) -> list[int | str]:

@@ -54,16 +54,15 @@ def _mesh(variables: Mapping[str, tuple[Any, Mapping[str, Any]]]) -> FileMesh:
     for k, name in _names(values, "eb", "block").items():
         if f"connect{k}" in values:
             kind, letters, nodes = _block(*variables[f"connect{k}"])
-            blocks.append((kind, nodes))
             element_sets[name] = np.arange(start, start := start + len(nodes))
+            blocks.append((kind, np.column_stack([element_sets[name], nodes])))
             if letters == "SHE" or (letters == "TRI" and x.shape[1] == 3):
                 shells.append(element_sets[name])
     none = np.empty(0, dtype=np.int64)
     node_sets = {
         name: values.get(f"node_ns{k}", none) for k, name in _names(values, "ns", "nodeset").items()
     }
-    labels = np.arange(1, len(x) + 1), np.arange(1, start)
-    mesh = FileMesh(x, blocks, *labels, node_sets, element_sets)
+    mesh = FileMesh(x, blocks, np.arange(1, len(x) + 1), node_sets, element_sets)
     for k, name in _names(values, "ss", "sideset").items():
         sides, own = (values.get(f"{part}_ss{k}", none) for part in ("side", "elem"))
         # Sides 1 and 2 of a shell are its faces; its edges have the numbers from 3.

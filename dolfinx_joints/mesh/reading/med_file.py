@@ -28,18 +28,17 @@ def load_med(path: Path) -> FileMesh:
         if len(times) != 1:
             raise MeshError(f"the file has {len(times)} meshes ({', '.join(meshes)}); write one.")
         families = file.get("FAS", {}).get(next(iter(meshes)), {})
-        nodes, blocks, numbers = times[0]["NOE"], [], []
+        nodes, blocks, family = times[0]["NOE"], [], np.empty(0, dtype=np.int64)
         x = nodes["COO"][()].reshape(-1, nodes["COO"].attrs["NBR"]).T
         for name, block in times[0].get("MAI", {}).items():
             rows = block["NOD"][()].reshape(-1, block["NOD"].attrs["NBR"]).T
-            kind = _KINDS.get(name, _KINDS.get(name[:2], name))
-            blocks.append((kind, rows[:, _H27] if name == "H27" else rows))
-            numbers.append(_families(block, len(rows)))
-        family = np.concatenate(numbers)
+            labels = len(family) + np.arange(1, len(rows) + 1)
+            rows = np.column_stack([labels, rows[:, _H27] if name == "H27" else rows])
+            blocks.append((_KINDS.get(name, _KINDS.get(name[:2], name)), rows))
+            family = np.append(family, _families(block, len(rows)))
         node_sets = _groups(families.get("NOEUD", {}), _families(nodes, len(x)))
         element_sets = _groups(families.get("ELEME", {}), family)
-        labels = (np.arange(1, len(own) + 1) for own in (x, family))
-        return FileMesh(x, blocks, *labels, node_sets, element_sets)
+        return FileMesh(x, blocks, np.arange(1, len(x) + 1), node_sets, element_sets)
 
 
 def _families(entities: Any, count: int) -> Ints:

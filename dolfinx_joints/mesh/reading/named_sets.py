@@ -63,21 +63,21 @@ class FileMesh:
         x: Floats,
         blocks: Sequence[tuple[str, Any]],
         node_labels: Any,
-        element_labels: Any,
         node_sets: Mapping[str, Any],
         element_sets: Mapping[str, Any],
     ) -> None:
-        """Take the labels of a file; blocks have the kind and the nodes of their elements."""
-        node, self.element = _numbers("node", node_labels), _numbers("element", element_labels)
+        """Take the labels of a file; blocks have the kind, and the label and nodes of elements."""
+        labels = [row[0] for _, rows in blocks for row in rows]
+        node, self.element = _numbers("node", node_labels), _numbers("element", labels)
         if not np.isfinite(x).all():
             raise MeshError("the file has coordinates that are not finite numbers.")
-        self.x, width = x, max([8, *(rows.shape[1] for _, rows in blocks)])
+        self.x, width = x, max([8, *(rows.shape[1] - 1 for _, rows in blocks)])
         self.kind = np.repeat([kind for kind, _ in blocks], [len(rows) for _, rows in blocks])
         self.nodes = np.full((len(self.kind), width), -1)
         end = 0
         for _, rows in blocks:
             start, end = end, end + len(rows)
-            self.nodes[start:end, : rows.shape[1]] = node(rows)
+            self.nodes[start:end, : rows.shape[1] - 1] = node(rows[:, 1:])
         self.node_sets = {name: node(members) for name, members in node_sets.items()}
         self.element_sets = {name: self.element(own) for name, own in element_sets.items()}
         self.facets: dict[str, list[Ints]] = {}

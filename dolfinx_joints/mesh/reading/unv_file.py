@@ -76,10 +76,9 @@ def load_unv(path: Path) -> FileMesh:
             f"nodes are in the local coordinate system {min(used)}; write the file in global "
             "Cartesian coordinates."
         )
-    blocks = [(kind, np.array(own)[:, 1:]) for (kind, _), own in rows.items()]
-    elements = [row[0] for own in rows.values() for row in own]
+    blocks = [(kind, np.array(own)) for (kind, _), own in rows.items()]
     labels = [label for label, _ in nodes]
-    return FileMesh(np.reshape(x, (-1, 3)), blocks, labels, elements, node_sets, element_sets)
+    return FileMesh(np.reshape(x, (-1, 3)), blocks, labels, node_sets, element_sets)
 
 
 def _floats(line: str) -> list[float]:

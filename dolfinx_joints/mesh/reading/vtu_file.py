@@ -44,16 +44,16 @@ def load_vtu(path: Path) -> FileMesh:
     offsets = vtk_to_numpy(grid.GetCells().GetOffsetsArray())
     nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray()).astype(np.int64)
     width = np.diff(offsets)
-    blocks, order = [], []
+    blocks = []
     for kind, count in np.unique(np.column_stack([kinds, width]), axis=0):
         chosen = np.flatnonzero((kinds == kind) & (width == count))
         rows = nodes[offsets[chosen][:, None] + np.arange(count)]
-        blocks.append((_KINDS.get(int(kind), f"VTK cell type {kind}"), rows))
-        order.append(chosen)
+        name = _KINDS.get(int(kind), f"VTK cell type {kind}")
+        blocks.append((name, np.column_stack([chosen, rows])))
     x = vtk_to_numpy(grid.GetPoints().GetData()).astype(np.float64)
     node_sets = _sets(grid.GetPointData(), vtk_to_numpy, without=0)
     element_sets = _sets(grid.GetCellData(), vtk_to_numpy)
-    return FileMesh(x, blocks, np.arange(len(x)), np.concatenate(order), node_sets, element_sets)
+    return FileMesh(x, blocks, np.arange(len(x)), node_sets, element_sets)
 
 
 def _sets(data: Any, array_of: Any, without: int | None = None) -> dict[str, Ints]:

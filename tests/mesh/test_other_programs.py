@@ -542,7 +542,7 @@ def test_mistakes_in_a_file_are_one_error(comm, inp, text, sentence):
         (BRICKS + "*Surface, name=none\n", "which are not read: crest, none."),
         (BRICKS + "*Elset, elset=none\n", "which are not read: crest, none."),
         (BRICKS + "*Element, type=MASS, elset=m\n 99, 1\n", "Elements that are not read: 1 MASS."),
-        (BRICKS + "*Surface, type=NODE, name=n\n base\n", "The surface 'n' does not consist of"),
+        (BRICKS + "*Surface, type=NODE, name=n\n base\n", "which are not read: crest, n."),
     ],
 )
 def test_what_is_not_read_is_reported(comm, inp, text, sentence):

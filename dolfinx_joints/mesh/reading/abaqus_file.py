@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from dolfinx_joints.common.arrays import Ints
-from dolfinx_joints.common.errors import MeshError, warn
+from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_file, shown
 from dolfinx_joints.mesh.reading.named_sets import FileMesh
 
@@ -116,10 +116,9 @@ class _Content:
         mesh = FileMesh(x, self.blocks, self.nodes, nodes, elements)
         for options, lines in self.surfaces:
             name = options.get("NAME", "")
-            if options.get("TYPE", "ELEMENT").upper() != "ELEMENT" or "COMBINE" in options:
-                warn(f"The surface {name!r} does not consist of faces of elements; it is not read.")
-                continue
             mesh.facets.setdefault(name, [])
+            if options.get("TYPE", "ELEMENT").upper() != "ELEMENT" or "COMBINE" in options:
+                continue  # a surface of nodes or of other surfaces
             for line in lines:
                 item, face = [*line.split(","), ""][:2]
                 members = _labels(self.sets["ELSET"], _member(item))

@@ -35,25 +35,25 @@ def load_exodus(path: Path) -> FileMesh:
     """Read the mesh, the blocks, the side sets and the node sets of a file."""
     with path.open("rb") as stream:
         start = stream.read(4)
-    if start[:3] == b"CDF" and start[3] in (1, 2):
-        with netcdf_file(path, "r", mmap=False) as file:
-            used = {name: file.variables[name] for name in file.variables if _USED.match(name)}
-            return _mesh({name: (v[...], v._attributes) for name, v in used.items()})
-    if start[:3] == b"CDF":
+    if start == b"CDF\5":
         raise MeshError("the file has 64-bit data (CDF-5); convert it by nccopy -k nc4 OLD NEW.")
+    if start[:3] == b"CDF":
+        with netcdf_file(path, "r", mmap=False) as file:
+            return _mesh(file.variables)
     with h5py.File(path, "r") as file:
-        used = {name: file[name] for name in file if _USED.match(name)}
-        return _mesh({name: (v[...], v.attrs) for name, v in used.items()})
+        return _mesh(file)
 
 
-def _mesh(variables: Mapping[str, tuple[Any, Mapping[str, Any]]]) -> FileMesh:
-    values = {name: np.asarray(array) for name, (array, _) in variables.items()}
+def _mesh(variables: Mapping[str, Any]) -> FileMesh:
+    """Return the content of variables of SciPy or h5py."""
+    used = [name for name in variables if _USED.match(name)]
+    values = {name: np.asarray(variables[name][...]) for name in used}
     axes = [values[f"coord{axis}"] for axis in "xyz" if f"coord{axis}" in values]
     x = np.stack(axes, axis=1) if axes else values["coord"].T
     blocks, element_sets, shells, start = [], {}, [], 1
     for k, name in _names(values, "eb", "block").items():
         if f"connect{k}" in values:
-            kind, letters, nodes = _block(*variables[f"connect{k}"])
+            kind, letters, nodes = _block(variables[f"connect{k}"], values[f"connect{k}"])
             element_sets[name] = np.arange(start, start := start + len(nodes))
             blocks.append((kind, np.column_stack([element_sets[name], nodes])))
             if letters == "SHE" or (letters == "TRI" and x.shape[1] == 3):
@@ -73,8 +73,9 @@ def _mesh(variables: Mapping[str, tuple[Any, Mapping[str, Any]]]) -> FileMesh:
     return mesh
 
 
-def _block(nodes: Any, attributes: Mapping[str, Any]) -> tuple[str, str, Ints]:
+def _block(variable: Any, nodes: Ints) -> tuple[str, str, Ints]:
     """Return the kind, the first letters of the type, and the nodes of a block of elements."""
+    attributes = variable.attrs if hasattr(variable, "attrs") else variable._attributes
     name = attributes["elem_type"]
     name = name.decode() if isinstance(name, bytes) else str(name)
     letters = name[:3].upper()

@@ -401,7 +401,7 @@ KINKED = """\
 
 
 def test_a_kinked_joint_needs_facets(comm, inp):
-    """The cell 2, 5, 6 is in the kink: its third edge has both ends in the set, but is no joint."""
+    """Refuse the set of the cell 2, 5, 6 in the kink: its third edge is not in the joint."""
     with pytest.raises(dj.MeshError, match="'joint' has all vertices of some cells, so that the"):
         dj.read_mesh(inp(KINKED), comm, unit="m")
 
@@ -504,7 +504,7 @@ SHELL = "*Element, type=S4, elset=base\n 31, 1, 2, 3, 4\n"
         (BRICKS + "*Nset, nset=top\n 1, 2\n", "'top' is a node set and a set of other facets"),
         (BRICKS + "*Instance, name=dam-2, part=dam\n", "*INSTANCE moves or generates nodes and is"),
         (BRICKS.replace("crest", "base"), "the part and the assembly have a set 'base'; write the"),
-        (BRICKS + "*Node\n 1, 0., 0., 9.\n", "the assembly has nodes of its own, for example"),
+        (BRICKS + "*Node\n 1, 0., 0., 9.\n", "the assembly has additional nodes, for"),
         (
             BRICKS.replace("*Node\n", "*Node, system=C\n"),
             "nodes with SYSTEM=C are not in",

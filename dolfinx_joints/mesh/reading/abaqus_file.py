@@ -8,6 +8,7 @@ import itertools
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +53,7 @@ class _Content:
     def __init__(self) -> None:
         self.x: list[list[float]] = []
         self.blocks: list[tuple[str, Ints]] = []
-        self.nodes: list[int] = []
+        self.nodes: list[Any] = []
         self.sets: dict[str, Sets] = {"NSET": {}, "ELSET": {}}
         self.internal: set[str] = set()
         self.surfaces: list[tuple[dict[str, str], list[str]]] = []
@@ -63,7 +64,7 @@ class _Content:
         """Add a section."""
         self._check_position(keyword, options, lines)
         entity = "NSET" if keyword in ("NODE", "NSET") else "ELSET"
-        members: list[int | str] = []
+        members: list[Any] = []
         if keyword == "NODE":
             rows = [line.upper().replace("D", "E").split(",") for line in lines]
             self.x += [
@@ -73,7 +74,7 @@ class _Content:
             self.nodes += members
         elif keyword == "ELEMENT":
             self.blocks.append(_elements(options.get("TYPE", "").upper(), lines))
-            members = self.blocks[-1][1][:, 0].tolist()
+            members = list(map(int, self.blocks[-1][1][:, 0]))
         elif keyword in ("NSET", "ELSET"):
             members = _members(options, lines)
             self.internal |= {options.get(entity, "").upper()} if "INTERNAL" in options else set()
@@ -94,7 +95,7 @@ class _Content:
         elif (keyword, options.get(keyword, "").upper()) in self.of_part:
             problem = f"the part and the assembly have a set {options[keyword]!r}"
         elif keyword == "NODE" and self.instances and lines and self.x:
-            problem = "the assembly has nodes of its own, for example reference points"
+            problem = "the assembly has additional nodes, for example reference points"
         else:
             return
         raise MeshError(

@@ -28,7 +28,8 @@ def load_med(path: Path) -> FileMesh:
         if len(times) != 1:
             raise MeshError(f"the file has {len(times)} meshes ({', '.join(meshes)}); write one.")
         families = file.get("FAS", {}).get(next(iter(meshes)), {})
-        nodes, blocks, family = times[0]["NOE"], [], np.empty(0, dtype=np.int64)
+        nodes, blocks = times[0]["NOE"], []
+        family: Ints = np.empty(0, dtype=np.int64)
         x = nodes["COO"][()].reshape(-1, nodes["COO"].attrs["NBR"]).T
         for name, block in times[0].get("MAI", {}).items():
             rows = block["NOD"][()].reshape(-1, block["NOD"].attrs["NBR"]).T

@@ -73,7 +73,7 @@ class FileMesh:
             raise MeshError("the file has coordinates that are not finite numbers.")
         self.x, width = x, max([8, *(rows.shape[1] - 1 for _, rows in blocks)])
         self.kind = np.repeat([kind for kind, _ in blocks], [len(rows) for _, rows in blocks])
-        self.nodes = np.full((len(self.kind), width), -1)
+        self.nodes: Ints = np.full((len(self.kind), width), -1)
         end = 0
         for _, rows in blocks:
             start, end = end, end + len(rows)
@@ -95,10 +95,10 @@ class FileMesh:
                 warn(f"The surface {name!r} has sides of {kind} elements, which are not read.")
                 continue
             if side not in sides[kind]:
-                known = ", ".join(map(str, sides[kind]))
+                allowed = ", ".join(map(str, sides[kind]))
                 raise MeshError(
-                    f"the surface {name!r} has the unknown side {side!r} of {kind} cells; known "
-                    f"sides are: {known}."
+                    f"the surface {name!r} has the unknown side {side!r} of {kind} cells; the "
+                    f"sides are: {allowed}."
                 )
             local = [int(vertex) - 1 for vertex in sides[kind][side]]
             own = self.nodes[elements[self.kind[elements] == kind]]

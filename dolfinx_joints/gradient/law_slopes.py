@@ -30,14 +30,14 @@ SUPPORTED = (FrictionNoTension, AdhesiveJoint)
 # Columns of a recorded state, (gap, elastic slip, slips): widths and their ends.
 GAP, SLIP, SLIPS = slice(0, 3), slice(3, 5), slice(5, 10)
 
-# Not parameters: the angle follows from the coefficient.
+# Not a parameter: the angle follows from the coefficient.
 DERIVED = "friction_angle_deg"
 
 
 def parameters_of(law: Any) -> tuple[str, ...]:
-    """Return the names of the parameters of a law that are not zero."""
-    names = (field.name for field in fields(law) if field.name != DERIVED)
-    return tuple(name for name in names if getattr(law, name))
+    """Return the names of the parameters of a law, without a shear stiffness of zero."""
+    without = {DERIVED} if law.shear_stiffness else {DERIVED, "shear_stiffness"}
+    return tuple(field.name for field in fields(law) if field.name not in without)
 
 
 def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats) -> tuple[Floats, Floats]:

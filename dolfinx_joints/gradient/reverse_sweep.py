@@ -14,10 +14,10 @@ from petsc4py import PETSc
 from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import summed
-from dolfinx_joints.common.parameters import check_kind_of, shown
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.common.summary import Rows, Summarised, names
 from dolfinx_joints.gradient.law_slopes import GAP, SLIP, parameters_of, slopes_of
-from dolfinx_joints.gradient.tape import History, Quantity, Step, Tape, not_observed
+from dolfinx_joints.gradient.tape import Quantity, Step, Tape
 from dolfinx_joints.gradient.transposed_step import TransposedStep
 from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
 from dolfinx_joints.simulation.statics.stage_start import CONSTRUCTION
@@ -39,7 +39,10 @@ REPLAYED, ROUNDING = 1e-6, 1e-10
 class Gradient(Summarised):
     """Derivatives of a quantity.
 
-    The parameters are the law's parameters that are not zero, and ``initial_gap``.
+    The parameters are those of the laws, and ``initial_gap``. At points without shear stiffness,
+    the derivative by ``shear_stiffness`` is not computed and given as zero. Where a parameter is at
+    its limit of zero, the derivative is one-sided: for a growing friction or adhesion, but for a
+    decreasing initial gap, which is an overlap.
 
     Attributes:
         value: The quantity.
@@ -86,10 +89,10 @@ class ReverseSweep:
 
     def __init__(self, tape: Tape, quantity: Quantity) -> None:
         """Evaluate the quantity and its derivative by the observed values (collective)."""
-        self._tape, self._operator = tape, tape.contact.operator
         history = tape.history()
-        self._value = float(quantity.value(history))
-        self._weights = _checked(quantity.derivative(history), history)
+        self._tape, self._operator = tape, tape.contact.operator
+        self._value = quantity.value_of(history)
+        self._weights = quantity.derivative_of(history)
         system = tape.steps[-1].solver.system
         self._u_bar, self._v_bar, self._a_bar = (system.vector() for _ in range(3))
         count = len(self._operator.areas)
@@ -303,16 +306,3 @@ def _padded(tape: Tape, k: int, number: int) -> Floats:
 def _product(slopes: Floats, answer_bar: Floats) -> Floats:
     """Return the derivatives by the inputs, shape (n, inputs), from those by the outputs."""
     return np.einsum("oin,on->ni", slopes, answer_bar)
-
-
-def _checked(weights: Mapping[str, Floats], history: History) -> dict[str, Floats]:
-    """Check the derivatives of a quantity by the observed values."""
-    for name, array in weights.items():
-        if name not in history.values:
-            raise ValueError(not_observed(name, history))
-        if np.shape(array) != (shape := history.values[name].shape) or not np.isfinite(array).all():
-            raise ValueError(
-                f"The derivative by {name!r} is {shown(array)}; it must be finite numbers of shape "
-                f"{shape}."
-            )
-    return {name: np.asarray(array, dtype=np.float64) for name, array in weights.items()}

@@ -14,7 +14,15 @@ import numpy as np
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import of_ranks, raised_together, summed
-from dolfinx_joints.common.parameters import check_each, check_number, finite, shown
+from dolfinx_joints.common.parameters import (
+    check_each,
+    check_kind_of,
+    check_named,
+    check_number,
+    finite,
+    numbers_of,
+    shown,
+)
 from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.gradient.law_slopes import DERIVED, parameters_of
 from dolfinx_joints.gradient.reverse_sweep import Gradient, gradient_of
@@ -51,7 +59,7 @@ class TaylorTest(Summarised):
         yield "slope", f"{self.linear:.6g}"
         yield "orders", ", ".join(f"{order:.2f}" for order in self.orders)
         yield "no flips up to", f"{self.range_without_flips:g}"
-        yield "10 % off beyond", f"{self.linear_range:g}"
+        yield "within 10 % up to", f"{self.linear_range:g}"
 
     @property
     def remainders(self) -> Floats:
@@ -106,10 +114,13 @@ def taylor_test(
         gradient: Gradient of the quantity, if it is known; computed by default.
         sizes: Sizes h of the changes, descending, as parts of ``change``.
     """
-    assert tape.model is not None
-    if len(sizes) < 2 or not (np.diff([*sizes, 0.0]) < 0.0).all():
-        raise ValueError(f"sizes is {shown(sizes)}; it must be descending positive numbers.")
+    check_named("change", change, "changes by name of a parameter or load")
+    numbers = numbers_of(sizes)
+    descend = numbers is not None and numbers.ndim == 1 and len(numbers) > 1
+    descend = descend and bool((np.diff([*sizes, 0.0]) < 0.0).all()) and finite(np.array(sizes))
+    check_kind_of("sizes", sizes, descend, "two or more descending positive numbers")
     gradient = gradient_of(tape, quantity) if gradient is None else gradient
+    assert tape.model is not None
     fields, loads = _split(tape, gradient, change)
     comm = tape.contact.operator.comm
     of_points = [float(gradient.by_point[name] @ values) for name, values in fields.items()]
@@ -119,7 +130,7 @@ def taylor_test(
     for size in map(float, sizes):
         again = Tape(tape.points, gaps=tape.gaps)
         run(changed_model(tape.model, fields, loads, size), again)
-        changes.append(float(quantity.value(again.history())) - gradient.value)
+        changes.append(quantity.value_of(again.history()) - gradient.value)
         if len(again.steps) != len(tape.steps):
             flipped.append(-1)
             continue

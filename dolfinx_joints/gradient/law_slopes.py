@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.common.arrays import Floats, Ints
-from dolfinx_joints.gradient.dual_numbers import Dual, branches_of
+from dolfinx_joints.gradient.dual_numbers import Dual, evaluate_by_branch
 from dolfinx_joints.laws.adhesive import AdhesiveJoint
 from dolfinx_joints.laws.friction import FrictionNoTension
 from dolfinx_joints.laws.law import JointState, Rule
@@ -57,31 +57,25 @@ def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats) -> tuple[Floats
     names, total = parameters_of(law), steps * count
     numbers: Any = np.hstack([gap.reshape(-1, 3), before.reshape(-1, columns)]).T
     inputs = len(numbers) + len(names)
+    unit = np.eye(inputs)[:, :, None]
     answer = np.zeros((columns, total))
     slopes: Floats = np.zeros((columns, inputs, total))
 
-    def evaluate(points: Ints, *, differentiate: bool = False) -> None:
-        """Write the answer of points on one branch, and their derivatives if wanted."""
-        zero = np.zeros((inputs if differentiate else 0, len(points)))
-
-        def seeded(value: Floats, number: int) -> Dual:
-            slope = zero.copy()
-            slope[number : number + 1] = 1.0
-            return Dual(value, slope)
-
-        given = [seeded(row[points], i) for i, row in enumerate(numbers)]
+    def evaluate(points: Ints) -> None:
+        """Write the answer of points on one branch, and their derivatives."""
+        given = [Dual(row[points], unit[i]) for i, row in enumerate(numbers)]
         parameters = {
-            name: seeded(np.full(len(points), float(getattr(law, name))), len(numbers) + i)
-            for i, name in enumerate(names)
+            name: Dual(np.full(len(points), float(getattr(law, name))), unit[i])
+            for i, name in enumerate(names, len(numbers))
         }
         outputs = _answer(with_values(law, parameters), rule, given)
         for row, output in enumerate(outputs):
-            answer[row, points] = output.value if isinstance(output, Dual) else output
-            if differentiate and isinstance(output, Dual):
-                slopes[row, :, points] = output.slope.T
+            if isinstance(output, Dual):
+                answer[row, points], slopes[row, :, points] = output.value, output.slope.T
+            else:
+                answer[row, points] = output
 
-    for points in branches_of(total, evaluate):
-        evaluate(points, differentiate=True)
+    evaluate_by_branch(total, evaluate)
     by_step = slopes.reshape(columns, inputs, steps, count).transpose(2, 0, 1, 3)
     return answer.reshape(columns, steps, count), np.ascontiguousarray(by_step)
 

@@ -28,14 +28,21 @@ from dolfinx_joints.common.parameters import (
     numbers_of,
     shown,
 )
-from dolfinx_joints.gradient.law_slopes import SUPPORTED
-from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.gradient.law_slopes import SLIP, SLIPS, SUPPORTED
+from dolfinx_joints.laws.law import (
+    BACKWARD_EULER,
+    DISCRETE_GRADIENT,
+    JointState,
+    Response,
+    Rule,
+)
 from dolfinx_joints.mesh.joint_pairs import no_such_joint
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import PointProbe, Probe, check_points
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
+from dolfinx_joints.solvers.effective_matrix import STATIC, MatrixCoefficients
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.step_solver import SolverAround, StepSolver
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
@@ -63,6 +70,32 @@ class Step:
     rate: float = 0.0
     rate_before: float = 0.0
     loads: Mapping[str, PETSc.Vec] | None = None
+
+    @property
+    def rule(self) -> Rule:
+        """Rule by which the laws are evaluated."""
+        return DISCRETE_GRADIENT if isinstance(self.scheme, EnergyConsistent) else BACKWARD_EULER
+
+    @property
+    def columns(self) -> int:
+        """Number of columns of a joint state: gap and elastic slip, and slips over whole steps."""
+        return SLIPS.stop if self.rule == DISCRETE_GRADIENT else SLIP.stop
+
+    @property
+    def coefficients(self) -> MatrixCoefficients:
+        """Coefficients of the matrix."""
+        if self.scheme is None:
+            return STATIC
+        if isinstance(self.scheme, Newmark):
+            beta, gamma, dt = self.scheme.beta, self.scheme.gamma, self.dt
+            mass, damping = 1.0 / (beta * dt**2), gamma / (beta * dt)
+            return MatrixCoefficients(mass=mass, damping=damping, stiffness=1.0)
+        return MatrixCoefficients(mass=0.5 * self.rate**2, damping=0.5 * self.rate, stiffness=0.5)
+
+    @property
+    def slip_scale(self) -> float:
+        """Factor of the step length by which the step rescales the last slips; 1 if it does not."""
+        return self.rate_before / self.rate if self.rate_before else 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -306,7 +339,7 @@ def _condensed(solver: StepSolver) -> InterfaceSolver:
     system = solver.system
     _refuse("Water follows the openings of joints", system.water is not None)
     _refuse("A reservoir has waves", system.coupled is not None)
-    _refuse("The body has plastic cells", system.bulk is not None)
+    _refuse("The body has nonlinear cells", system.bulk is not None)
     _refuse("The damping has ratios of modes", system.damped_modes is not None)
     _refuse("Matrices are unsymmetric", not system.symmetric)
     _refuse("Several runs share their matrices", system.shared is not None)

@@ -19,7 +19,6 @@ from dolfinx_joints.common.parameters import (
     check_kind_of,
     check_named,
     check_number,
-    finite,
     numbers_of,
     shown,
 )
@@ -28,6 +27,7 @@ from dolfinx_joints.gradient.law_slopes import DERIVED, parameters_of
 from dolfinx_joints.gradient.reverse_sweep import Gradient, gradient_of
 from dolfinx_joints.gradient.tape import Quantity, Tape
 from dolfinx_joints.joints.law_points import LawPoints
+from dolfinx_joints.mesh.joint_pairs import no_such_joint
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 
@@ -84,12 +84,8 @@ class TaylorTest(Summarised):
 
     def _range(self, valid: Any) -> float:
         """Return the largest size up to which all sizes are valid."""
-        size = 0.0
-        for h, is_valid in zip(self.sizes[::-1], valid[::-1], strict=True):
-            if not is_valid:
-                break
-            size = float(h)
-        return size
+        all_smaller_valid = np.logical_and.accumulate(valid[::-1])[::-1]
+        return float(self.sizes[all_smaller_valid].max(initial=0.0))
 
 
 def taylor_test(
@@ -116,9 +112,9 @@ def taylor_test(
     """
     check_named("change", change, "changes by name of a parameter or load")
     numbers = numbers_of(sizes)
-    descend = numbers is not None and numbers.ndim == 1 and len(numbers) > 1
-    descend = descend and bool((np.diff([*sizes, 0.0]) < 0.0).all()) and finite(np.array(sizes))
-    check_kind_of("sizes", sizes, descend, "two or more descending positive numbers")
+    descend = numbers is not None and numbers.ndim == 1 and (np.diff([*numbers, 0.0]) < 0.0).all()
+    good = bool(descend) and len(sizes) > 1 and np.isfinite(sizes[0])
+    check_kind_of("sizes", sizes, good, "two or more descending positive numbers")
     gradient = gradient_of(tape, quantity) if gradient is None else gradient
     assert tape.model is not None
     fields, loads = _split(tape, gradient, change)
@@ -192,21 +188,20 @@ def _split(
     fields: dict[str, Floats] = {}
     loads: dict[str, float] = {}
     for name, values in change.items():
-        if name in gradient.by_point and isinstance(values, Mapping):
+        label = f"The change of {name!r}"
+        if name in gradient.by_load:
+            check_number(label, values, lambda _: True, "a finite number")
+            loads[name] = float(values)
+        elif name in gradient.by_point and isinstance(values, Mapping):
             if wrong := [joint for joint in values if joint not in joints]:
-                raise JointsError(f"{wrong[0]!r} is not a joint; use {', '.join(joints)}.")
+                raise JointsError(no_such_joint(wrong[0], joints))
             for joint, value in values.items():
-                check_number(
-                    f"The change of {name!r} of {joint!r}", value, lambda _: True, "finite"
-                )
+                check_number(f"{label} of {joint!r}", value, lambda _: True, "a finite number")
             by_joint = np.array([float(values.get(joint, 0.0)) for joint in joints])
             fields[name] = by_joint[operator.joint]
         elif name in gradient.by_point:
             with raised_together(operator.comm):
-                label = f"The change of {name!r}"
                 fields[name] = check_each(label, values, len(operator.joint))
-        elif name in gradient.by_load and finite(values):
-            loads[name] = float(values)
         else:
             names = ", ".join([*gradient.by_point, *gradient.by_load])
             raise ValueError(f"{shown(name)} is not a parameter; the gradient contains {names}.")

@@ -71,10 +71,8 @@ class TransposedStep:
         if condensed.static:
             # Soft springs and large rigid motions amplify rounding errors: refine z. If a block can
             # move freely, this may fail although the part of z that matters is determined.
-            zero, last = b.duplicate(), np.inf
-            zero.set(0.0)
-            size = float(self._residual(condensed, tangent, b, zero).norm()) or 1.0
-            trial = z
+            self._nodal.pointwiseMult(b, self._free)
+            size, last, trial = self._nodal.norm() or 1.0, np.inf, z
             while (norm := (r := self._residual(condensed, tangent, b, trial)).norm()) < 0.5 * last:
                 z, last, relative = trial, norm, norm / size
                 if relative <= TARGET:

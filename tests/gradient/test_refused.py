@@ -180,11 +180,14 @@ def test_arguments():
 
     with pytest.raises(ValueError, match="'cohesion' is not a parameter; the gradient contains"):
         dj.taylor_test(statics, tape, END, {"cohesion": {"j": 1.0}})
-    with pytest.raises(dj.JointsError, match="'k' is not a joint"):
+    with pytest.raises(dj.JointsError, match="no joint 'k'"):
         dj.taylor_test(statics, tape, END, {"normal_stiffness": {"k": 1.0}})
     for change in ({"j": "soft"}, np.ones(7), None):
         with pytest.raises(ValueError, match="The change of 'normal_stiffness'"):
             dj.taylor_test(statics, tape, END, {"normal_stiffness": change})
+    for factor in ("large", np.nan, {"j": 1.0}):
+        with pytest.raises(ValueError, match="The change of 'Gravity' is .* a finite number"):
+            dj.taylor_test(statics, tape, END, {"Gravity": factor})
     with pytest.raises(ValueError, match="normal_stiffness"):
         dj.taylor_test(statics, tape, END, {"normal_stiffness": {"j": -6e9}})
     for sizes in ([0.5, 1.0], "ab", [1.0, np.nan], [1.0]):

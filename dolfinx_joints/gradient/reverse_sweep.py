@@ -40,8 +40,8 @@ class Gradient(Summarised):
 
     The parameters are those of the laws, and ``initial_gap``. At points without shear stiffness,
     the derivative by ``shear_stiffness`` is not computed and given as zero. Where a parameter is at
-    its limit of zero, the derivative is one-sided: for a growing friction or adhesion, but for a
-    decreasing initial gap, which is an overlap.
+    its limit of zero, the derivative is one-sided: friction and adhesion grow, and the initial gap
+    becomes an overlap.
 
     Attributes:
         value: The quantity.
@@ -186,7 +186,7 @@ class ReverseSweep:
             b.axpy(step.rate or coefficients.damping, v)
         if isinstance(scheme, Newmark):
             b.axpy(coefficients.mass, a)
-        z, gaps = transposed.solve(coefficients, step.rule, tangent, b)
+        z, gaps = transposed.solve(step, tangent, b)
         inertia, stiff = z.duplicate(), z.duplicate()
         if scheme is None:
             system.stiffness.mult(z, stiff)
@@ -218,7 +218,8 @@ class ReverseSweep:
 
     def _add_loads(self, step: Step, z: PETSc.Vec, time: float | None = None) -> None:
         """Add the products of z with the loads of a step, or at a time [s] (collective)."""
-        system, factors = step.solver.system, 1.0
+        system = step.solver.system
+        factors: Any = 1.0
         if step.loads is not None and time is None:
             # The construction load consists of rounding errors of earlier stages.
             named = [item for item in step.loads.items() if item[0] != CONSTRUCTION]

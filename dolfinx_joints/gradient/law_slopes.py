@@ -10,7 +10,7 @@ of several steps are evaluated together, in groups that take the same branches.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import fields
 from typing import Any
@@ -64,11 +64,11 @@ def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats) -> tuple[Floats
     def evaluate(points: Ints) -> None:
         """Write the answer of points on one branch, and their derivatives."""
         given = [Dual(row[points], unit[i]) for i, row in enumerate(numbers)]
-        parameters = {
-            name: Dual(np.full(len(points), float(getattr(law, name))), unit[i])
-            for i, name in enumerate(names, len(numbers))
-        }
-        outputs = _answer(with_values(law, parameters), rule, given)
+        differentiated = copy(law)
+        for i, name in enumerate(names, len(numbers)):
+            parameter = Dual(np.full(len(points), float(getattr(law, name))), unit[i])
+            object.__setattr__(differentiated, name, parameter)  # without checks of a number
+        outputs = _answer(differentiated, rule, given)
         for row, output in enumerate(outputs):
             if isinstance(output, Dual):
                 answer[row, points], slopes[row, :, points] = output.value, output.slope.T
@@ -78,14 +78,6 @@ def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats) -> tuple[Floats
     evaluate_by_branch(total, evaluate)
     by_step = slopes.reshape(columns, inputs, steps, count).transpose(2, 0, 1, 3)
     return answer.reshape(columns, steps, count), np.ascontiguousarray(by_step)
-
-
-def with_values(law: Any, values: Mapping[str, Any]) -> Any:
-    """Return a copy of a law with changed parameters, without checks."""
-    changed = copy(law)
-    for name, value in values.items():
-        object.__setattr__(changed, name, value)
-    return changed
 
 
 def _answer(law: Any, rule: Rule, numbers: Sequence[Dual]) -> list[Any]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -99,7 +100,7 @@ class ReverseSweep:
         names = {n for part in tape.contact.parts for n in parameters_of(part.law)}
         self._parameters = {name: np.zeros(count) for name in sorted(names)}
         self._by_load: dict[str, float] = {}
-        self._transposed: dict[int, TransposedStep] = {}
+        self._transposed = cache(TransposedStep)
 
     def run(self) -> Gradient:
         """Return the gradient (collective)."""
@@ -179,7 +180,7 @@ class ReverseSweep:
     def _solve(self, step: Step, gap_bar: Floats, tangent: Floats) -> tuple[PETSc.Vec, Floats]:
         """Solve (42), and pass u, v, a to the start of the step by (45) (collective)."""
         u, v, a, system = self._u_bar, self._v_bar, self._a_bar, step.solver.system
-        b, transposed = u.copy(), self._transposed_of(step)
+        b, transposed = u.copy(), self._transposed(step.solver)
         transposed.add_gaps(gap_bar, b)
         coefficients, scheme = step.coefficients, step.scheme
         if scheme is not None:
@@ -248,11 +249,6 @@ class ReverseSweep:
                 self._add_loads(self._tape.steps[k - 1], z)
         self._v_bar.set(0.0)
         self._a_bar.set(0.0)
-
-    def _transposed_of(self, step: Step) -> TransposedStep:
-        if (key := id(step.solver)) not in self._transposed:
-            self._transposed[key] = TransposedStep(step.solver)
-        return self._transposed[key]
 
 
 def _state(tape: Tape, number: int, columns: int) -> Floats:

@@ -35,8 +35,6 @@ from dolfinx_joints.model.system import MatrixSystem
 SIZES = tuple(2.0**-k for k in range(11))
 LINEAR = 0.1
 
-Change = Mapping[str, Any]
-
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class TaylorTest(Summarised):
@@ -92,7 +90,7 @@ def taylor_test(
     run: Callable[[Model, Tape], Any],
     tape: Tape,
     quantity: Quantity,
-    change: Change,
+    change: Mapping[str, Any],
     *,
     gradient: Gradient | None = None,
     sizes: Sequence[float] = SIZES,
@@ -181,7 +179,7 @@ def changed_model(
 
 
 def _split(
-    tape: Tape, gradient: Gradient, change: Change
+    tape: Tape, gradient: Gradient, change: Mapping[str, Any]
 ) -> tuple[dict[str, Floats], dict[str, float]]:
     """Return the changes of joint parameters at the local points, and those of load factors."""
     operator, joints = tape.contact.operator, tape.contact.operator.names

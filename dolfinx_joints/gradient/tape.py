@@ -252,9 +252,10 @@ class Tape(Monitor):
         _refuse("The structure jumps, so its state is no smooth function", bool(state.jumps))
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
-        """Refuse a second dynamic stage, and support forces that depend on the static state."""
+        """Refuse a second dynamic stage, and loads that are no pattern with a factor of time."""
         _refuse("A second dynamic stage follows", self._ended)
         _refuse("Viscous boundaries carry static reactions", bool(model.absorbing))
+        _refuse("The motion differs between supports", first.static_part is not None)
         self._ended = True
 
     def resume(self, *_: Any) -> None:

@@ -64,6 +64,16 @@ def test_schemes(scheme):
         run.dynamics(dt=1e-3, steps=1, motion=motion, scheme=scheme)
 
 
+def test_motion_that_differs_between_supports():
+    record = dj.Motion(acceleration=np.outer(np.arange(9.0), [1.0, 0.0, 0.0]), dt=1e-3)
+    places = {"left": (0.0, 0.0, 0.0), "right": (2.0, 0.0, 0.0)}
+    differing = dj.DifferingMotion(motions=dict.fromkeys(places, record), positions=places)
+    _, run = tape_of(blocks())
+    run.statics()
+    with pytest.raises(dj.JointsError, match="The motion differs between supports"):
+        run.dynamics(dt=1e-3, steps=2, motion=differing)
+
+
 def test_stages(tmp_path):
     _, run = tape_of(blocks())
     run.statics()

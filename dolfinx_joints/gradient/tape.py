@@ -23,6 +23,7 @@ from dolfinx_joints.common.mpi import of_ranks, summed
 from dolfinx_joints.common.parameters import (
     check_kind_of,
     check_named,
+    check_number,
     check_vector,
     finite,
     numbers_of,
@@ -129,10 +130,9 @@ class Quantity:
 
     def value_of(self, history: History) -> float:
         """Return the quantity, or raise a ValueError if it is not a finite number."""
-        value = numbers_of(self.value(history))
-        finite_number = value is not None and value.shape == () and finite(value)
-        check_kind_of("The value of the quantity", value, finite_number, "a finite number")
-        return float(value)  # type: ignore[arg-type]
+        value = self.value(history)
+        check_number("The value of the quantity", value, lambda _: True, "a finite number")
+        return float(value)
 
     def derivative_of(self, history: History) -> dict[str, Floats]:
         """Return the derivatives by the observed values, or raise a ValueError."""
@@ -252,7 +252,7 @@ class Tape(Monitor):
         _refuse("The structure jumps, so its state is no smooth function", bool(state.jumps))
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
-        """Refuse a second dynamic stage, and loads that are no pattern with a factor of time."""
+        """Refuse a second dynamic stage, viscous boundaries, and motions that differ."""
         _refuse("A second dynamic stage follows", self._ended)
         _refuse("Viscous boundaries carry static reactions", bool(model.absorbing))
         _refuse("The motion differs between supports", first.static_part is not None)

@@ -105,18 +105,15 @@ class Dual:
     __eq__ = _comparison(np.equal)
 
 
-def branches_of(count: int, evaluate: Callable[[Any], None]) -> list[Ints]:
-    """Return the numbers of the points of each branch, for ``count`` points.
+def evaluate_by_branch(count: int, evaluate: Callable[[Ints], None]) -> None:
+    """Evaluate ``count`` points, in groups that take the same branches.
 
     ``evaluate`` receives numbers of points, and raises `Branches` if a condition differs.
     """
     parts: list[Ints] = [np.arange(count)] if count else []
-    groups: list[Ints] = []
     while parts:
         points = parts.pop()
         try:
             evaluate(points)
-            groups.append(points)
         except Branches as branches:
             parts += [points[branches.true], points[~branches.true]]
-    return groups

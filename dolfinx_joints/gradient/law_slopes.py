@@ -10,7 +10,7 @@ of several steps are evaluated together, in groups that take the same branches.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import fields
 from typing import Any
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.common.arrays import Floats, Ints
-from dolfinx_joints.gradient.dual_numbers import Dual, branches_of
+from dolfinx_joints.gradient.dual_numbers import Dual, evaluate_by_branch
 from dolfinx_joints.laws.adhesive import AdhesiveJoint
 from dolfinx_joints.laws.friction import FrictionNoTension
 from dolfinx_joints.laws.law import JointState, Rule
@@ -30,14 +30,14 @@ SUPPORTED = (FrictionNoTension, AdhesiveJoint)
 # Columns of a recorded state, (gap, elastic slip, slips): widths and their ends.
 GAP, SLIP, SLIPS = slice(0, 3), slice(3, 5), slice(5, 10)
 
-# Not parameters: the angle follows from the coefficient.
+# Not a parameter: the angle follows from the coefficient.
 DERIVED = "friction_angle_deg"
 
 
 def parameters_of(law: Any) -> tuple[str, ...]:
-    """Return the names of the parameters of a law that are not zero."""
-    names = (field.name for field in fields(law) if field.name != DERIVED)
-    return tuple(name for name in names if getattr(law, name))
+    """Return the names of the parameters of a law, without a shear stiffness of zero."""
+    without = {DERIVED} if law.shear_stiffness else {DERIVED, "shear_stiffness"}
+    return tuple(field.name for field in fields(law) if field.name not in without)
 
 
 def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats) -> tuple[Floats, Floats]:
@@ -57,41 +57,27 @@ def slopes_of(law: Any, rule: Rule, before: Floats, gap: Floats) -> tuple[Floats
     names, total = parameters_of(law), steps * count
     numbers: Any = np.hstack([gap.reshape(-1, 3), before.reshape(-1, columns)]).T
     inputs = len(numbers) + len(names)
+    unit = np.eye(inputs)[:, :, None]
     answer = np.zeros((columns, total))
     slopes: Floats = np.zeros((columns, inputs, total))
 
-    def evaluate(points: Ints, *, differentiate: bool = False) -> None:
-        """Write the answer of points on one branch, and their derivatives if wanted."""
-        zero = np.zeros((inputs if differentiate else 0, len(points)))
-
-        def seeded(value: Floats, number: int) -> Dual:
-            slope = zero.copy()
-            slope[number : number + 1] = 1.0
-            return Dual(value, slope)
-
-        given = [seeded(row[points], i) for i, row in enumerate(numbers)]
-        parameters = {
-            name: seeded(np.full(len(points), float(getattr(law, name))), len(numbers) + i)
-            for i, name in enumerate(names)
-        }
-        outputs = _answer(with_values(law, parameters), rule, given)
+    def evaluate(points: Ints) -> None:
+        """Write the answer of points on one branch, and their derivatives."""
+        given = [Dual(row[points], unit[i]) for i, row in enumerate(numbers)]
+        differentiated = copy(law)
+        for i, name in enumerate(names, len(numbers)):
+            parameter = Dual(np.full(len(points), float(getattr(law, name))), unit[i])
+            object.__setattr__(differentiated, name, parameter)  # without checks of a number
+        outputs = _answer(differentiated, rule, given)
         for row, output in enumerate(outputs):
-            answer[row, points] = output.value if isinstance(output, Dual) else output
-            if differentiate and isinstance(output, Dual):
-                slopes[row, :, points] = output.slope.T
+            if isinstance(output, Dual):
+                answer[row, points], slopes[row, :, points] = output.value, output.slope.T
+            else:
+                answer[row, points] = output
 
-    for points in branches_of(total, evaluate):
-        evaluate(points, differentiate=True)
+    evaluate_by_branch(total, evaluate)
     by_step = slopes.reshape(columns, inputs, steps, count).transpose(2, 0, 1, 3)
     return answer.reshape(columns, steps, count), np.ascontiguousarray(by_step)
-
-
-def with_values(law: Any, values: Mapping[str, Any]) -> Any:
-    """Return a copy of a law with changed parameters, without checks."""
-    changed = copy(law)
-    for name, value in values.items():
-        object.__setattr__(changed, name, value)
-    return changed
 
 
 def _answer(law: Any, rule: Rule, numbers: Sequence[Dual]) -> list[Any]:

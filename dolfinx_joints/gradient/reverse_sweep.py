@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,13 @@ from petsc4py import PETSc
 from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import summed
-from dolfinx_joints.common.parameters import check_kind_of, shown
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.common.summary import Rows, Summarised, names
-from dolfinx_joints.gradient.law_slopes import GAP, SLIP, parameters_of, slopes_of
-from dolfinx_joints.gradient.tape import History, Quantity, Step, Tape, not_observed
+from dolfinx_joints.gradient.law_slopes import GAP, SLIP, SLIPS, parameters_of, slopes_of
+from dolfinx_joints.gradient.tape import Quantity, Step, Tape
 from dolfinx_joints.gradient.transposed_step import TransposedStep
-from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
+from dolfinx_joints.laws.law import DISCRETE_GRADIENT
 from dolfinx_joints.simulation.statics.stage_start import CONSTRUCTION
-from dolfinx_joints.solvers.effective_matrix import STATIC, MatrixCoefficients
 from dolfinx_joints.time_integration.initial_state import balancing_acceleration
 from dolfinx_joints.time_integration.midpoint import rescaled_slips
 from dolfinx_joints.time_integration.newmark import Newmark
@@ -39,7 +39,10 @@ REPLAYED, ROUNDING = 1e-6, 1e-10
 class Gradient(Summarised):
     """Derivatives of a quantity.
 
-    The parameters are the law's parameters that are not zero, and ``initial_gap``.
+    The parameters are those of the laws, and ``initial_gap``. At points without shear stiffness,
+    the derivative by ``shear_stiffness`` is not computed and given as zero. Where a parameter is at
+    its limit of zero, the derivative is one-sided: friction and adhesion grow, and the initial gap
+    becomes an overlap.
 
     Attributes:
         value: The quantity.
@@ -86,10 +89,10 @@ class ReverseSweep:
 
     def __init__(self, tape: Tape, quantity: Quantity) -> None:
         """Evaluate the quantity and its derivative by the observed values (collective)."""
-        self._tape, self._operator = tape, tape.contact.operator
         history = tape.history()
-        self._value = float(quantity.value(history))
-        self._weights = _checked(quantity.derivative(history), history)
+        self._tape, self._operator = tape, tape.contact.operator
+        self._value = quantity.value_of(history)
+        self._weights = quantity.derivative_of(history)
         system = tape.steps[-1].solver.system
         self._u_bar, self._v_bar, self._a_bar = (system.vector() for _ in range(3))
         count = len(self._operator.areas)
@@ -97,7 +100,7 @@ class ReverseSweep:
         names = {n for part in tape.contact.parts for n in parameters_of(part.law)}
         self._parameters = {name: np.zeros(count) for name in sorted(names)}
         self._by_load: dict[str, float] = {}
-        self._transposed: dict[int, TransposedStep] = {}
+        self._transposed = cache(TransposedStep)
 
     def run(self) -> Gradient:
         """Return the gradient (collective)."""
@@ -127,12 +130,13 @@ class ReverseSweep:
         tape, laws = self._tape, []
         # The same batches on all ranks: the ranks compare the replayed steps.
         count = 1 + self._operator.num_points // self._operator.comm.size
-        first, rule, replayed = last, rule_of(tape.steps[last]), True
+        first, rule, replayed = last, tape.steps[last].rule, True
         fitting = max(0, last + 1 - BATCH_POINTS // count)
-        while first > fitting and rule_of(tape.steps[first - 1]) == rule:
+        while first > fitting and tape.steps[first - 1].rule == rule:
             first -= 1
-        before = np.array([_start_state(tape, k) for k in range(first, last + 1)])
-        after = np.array([_padded(tape, k, k + 1) for k in range(first, last + 1)])
+        steps = range(first, last + 1)
+        before = np.array([_start_state(tape, k) for k in steps])
+        after = np.array([tape.states[k + 1] for k in steps])
         for part in tape.contact.parts:
             end = after[:, part.points]
             answer, slopes = slopes_of(part.law, rule, before[:, part.points], end[:, :, :3])
@@ -151,8 +155,8 @@ class ReverseSweep:
         """Pass the derivatives by the state after step ``k`` to the state before (collective)."""
         step, joint_bar = self._tape.steps[k], self._joint_bar
         self._add_weights(k)
-        columns = 5 if rule_of(step) == BACKWARD_EULER else 10
-        gap_bar, history_bar = joint_bar[:, :3].copy(), joint_bar[:, 3:columns].T
+        columns = step.columns
+        gap_bar, history_bar = joint_bar[:, GAP].copy(), joint_bar[:, 3:columns].T
         tangent = np.zeros((len(gap_bar), 3, 3))
         for _, points, slopes in laws:
             tangent[points] = slopes[:3, :3].transpose(2, 1, 0)
@@ -160,15 +164,15 @@ class ReverseSweep:
         z, adjoint_gap = self._solve(step, gap_bar, tangent)
         traction_bar = -self._operator.areas * adjoint_gap.T
         start_bar = np.zeros((len(gap_bar), columns))
-        start_bar[:, :3] = gap_bar + np.einsum("nij,jn->ni", tangent, traction_bar)
+        start_bar[:, GAP] = gap_bar + np.einsum("nij,jn->ni", tangent, traction_bar)
         for law, points, slopes in laws:
             answer_bar = np.vstack([traction_bar[:, points], history_bar[:, points]])
             by_input = _product(slopes[:, 3:], answer_bar)
             start_bar[points] += by_input[:, :columns]
             for column, name in enumerate(parameters_of(law), columns):
                 self._parameters[name][points] += by_input[:, column]
-        if (times := _scaling(step)) is not None:
-            start_bar[:, 5:] = start_bar[:, 5:] @ rescaled_slips(np.eye(5), times).T
+        if step.slip_scale != 1.0:
+            start_bar[:, SLIPS] @= rescaled_slips(np.eye(5), step.slip_scale).T
         joint_bar[:] = 0.0
         joint_bar[:, :columns] = start_bar
         self._add_loads(step, z)
@@ -176,14 +180,14 @@ class ReverseSweep:
     def _solve(self, step: Step, gap_bar: Floats, tangent: Floats) -> tuple[PETSc.Vec, Floats]:
         """Solve (42), and pass u, v, a to the start of the step by (45) (collective)."""
         u, v, a, system = self._u_bar, self._v_bar, self._a_bar, step.solver.system
-        b, transposed = u.copy(), self._transposed_of(step)
+        b, transposed = u.copy(), self._transposed(step.solver)
         transposed.add_gaps(gap_bar, b)
-        coefficients, rule, scheme = coefficients_of(step), rule_of(step), step.scheme
+        coefficients, scheme = step.coefficients, step.scheme
         if scheme is not None:
             b.axpy(step.rate or coefficients.damping, v)
         if isinstance(scheme, Newmark):
             b.axpy(coefficients.mass, a)
-        z, gaps = transposed.solve(coefficients, rule, tangent, b)
+        z, gaps = transposed.solve(step, tangent, b)
         inertia, stiff = z.duplicate(), z.duplicate()
         if scheme is None:
             system.stiffness.mult(z, stiff)
@@ -213,106 +217,55 @@ class ReverseSweep:
             else:
                 tape.probe.add(self._u_bar, list(tape.probes).index(name), values[k])
 
-    def _add_loads(self, step: Step, z: PETSc.Vec) -> None:
-        """Add the products of z with the loads of a step (collective)."""
+    def _add_loads(self, step: Step, z: PETSc.Vec, time: float | None = None) -> None:
+        """Add the products of z with the loads of a step, or at a time [s] (collective)."""
         system = step.solver.system
-        if step.loads is not None:
+        factors: Any = 1.0
+        if step.loads is not None and time is None:
             # The construction load consists of rounding errors of earlier stages.
-            names = [name for name in step.loads if name != CONSTRUCTION]
-            self._add_products(names, [step.loads[name] for name in names], 1.0, z)
-            return
-        factors = system.factors(step.times[1])
-        if rule_of(step) == DISCRETE_GRADIENT:
-            factors = 0.5 * (factors + system.factors(step.times[0]))
-        self._add_patterns(step, factors, z)
-
-    def _add_patterns(self, step: Step, factors: Floats, z: PETSc.Vec) -> None:
-        system = step.solver.system
-        vectors = [vector for vector, _ in system.patterns]
-        self._add_products(system.names_of_patterns, vectors, factors, z)
-
-    def _add_products(
-        self, names: Sequence[str], vectors: Sequence[PETSc.Vec], factors: Any, z: PETSc.Vec
-    ) -> None:
-        products = factors * np.array(z.mDot(vectors)) if vectors else ()
-        for name, product in zip(names, products, strict=True):
+            named = [item for item in step.loads.items() if item[0] != CONSTRUCTION]
+        else:
+            vectors = (vector for vector, _ in system.patterns)
+            named = list(zip(system.names_of_patterns, vectors, strict=True))
+            factors = system.factors(step.times[1] if time is None else time)
+            if time is None and step.rule == DISCRETE_GRADIENT:
+                factors = 0.5 * (factors + system.factors(step.times[0]))
+        products = factors * np.array(z.mDot([vector for _, vector in named])) if named else ()
+        for (name, _), product in zip(named, products, strict=True):
             self._by_load[name] = self._by_load.get(name, 0.0) + float(product)
 
     def _leave_dynamics(self, k: int) -> None:
         """Pass the derivative by the first acceleration to the loads that cause it (collective).
 
-        The static state balances its loads, so M a0 is the difference of dynamic and static loads,
-        whatever the joints are.
+        The static state balances its loads. So M a0 is the difference of dynamic and static loads
+        and does not depend on the joints.
         """
         step = self._tape.steps[k]
         if isinstance(step.scheme, Newmark):
             z = balancing_acceleration(step.solver.system, self._a_bar)
-            self._add_patterns(step, step.solver.system.factors(step.times[0]), z)
+            self._add_loads(step, z, step.times[0])
             if k:
                 z.scale(-1.0)
                 self._add_loads(self._tape.steps[k - 1], z)
         self._v_bar.set(0.0)
         self._a_bar.set(0.0)
 
-    def _transposed_of(self, step: Step) -> TransposedStep:
-        if (key := id(step.solver)) not in self._transposed:
-            self._transposed[key] = TransposedStep(step.solver)
-        return self._transposed[key]
 
-
-def rule_of(step: Step) -> Rule:
-    """Return the rule by which the laws are evaluated in a step."""
-    whole = step.scheme is not None and not isinstance(step.scheme, Newmark)
-    return DISCRETE_GRADIENT if whole else BACKWARD_EULER
-
-
-def coefficients_of(step: Step) -> MatrixCoefficients:
-    """Return the coefficients of the matrix of a step."""
-    if step.scheme is None:
-        return STATIC
-    if isinstance(step.scheme, Newmark):
-        beta, gamma, dt = step.scheme.beta, step.scheme.gamma, step.dt
-        mass, damping = 1.0 / (beta * dt**2), gamma / (beta * dt)
-        return MatrixCoefficients(mass=mass, damping=damping, stiffness=1.0)
-    return MatrixCoefficients(mass=0.5 * step.rate**2, damping=0.5 * step.rate, stiffness=0.5)
-
-
-def _scaling(step: Step) -> float | None:
-    """Return the factor by which a step rescales the last slips, None if it does not."""
-    changed = step.rate and step.rate_before not in (0.0, step.rate)
-    return step.rate_before / step.rate if changed else None
+def _state(tape: Tape, number: int, columns: int) -> Floats:
+    """Return a recorded state with some columns; missing slips are zero."""
+    state = tape.states[number][:, :columns]
+    return np.pad(state, ((0, 0), (0, columns - state.shape[1])))
 
 
 def _start_state(tape: Tape, k: int) -> Floats:
     """Return the state at the start of step ``k`` as the laws receive it, shape (n, columns)."""
-    state = _padded(tape, k, k)
-    if (times := _scaling(tape.steps[k])) is not None:
-        state[:, 5:] = rescaled_slips(state[:, 5:], times)
+    step = tape.steps[k]
+    state = _state(tape, k, step.columns)
+    if step.slip_scale != 1.0:
+        state[:, SLIPS] = rescaled_slips(state[:, SLIPS], step.slip_scale)
     return state
-
-
-def _padded(tape: Tape, k: int, number: int) -> Floats:
-    """Return a recorded state with the columns of step ``k``; missing slips are zero."""
-    state = tape.states[number]
-    columns = 5 if rule_of(tape.steps[k]) == BACKWARD_EULER else 10
-    padded = np.zeros((len(state), columns))
-    padded[:, : state.shape[1]] = state[:, :columns]
-    return padded
 
 
 def _product(slopes: Floats, answer_bar: Floats) -> Floats:
     """Return the derivatives by the inputs, shape (n, inputs), from those by the outputs."""
     return np.einsum("oin,on->ni", slopes, answer_bar)
-
-
-def _checked(weights: Mapping[str, Floats], history: History) -> dict[str, Floats]:
-    """Check the derivatives of a quantity by the observed values."""
-    for name, array in weights.items():
-        if name not in history.values:
-            raise ValueError(not_observed(name, history))
-        if np.shape(array) != (shape := history.values[name].shape) or not np.isfinite(array).all():
-            raise ValueError(
-                f"The derivative by {name!r} is {shown(array)}; it must be finite numbers of shape "
-                f"{shape}."
-            )
-    return {name: np.asarray(array, dtype=np.float64) for name, array in weights.items()}

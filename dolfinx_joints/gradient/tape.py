@@ -20,16 +20,30 @@ from petsc4py import PETSc
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import of_ranks, summed
-from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
-from dolfinx_joints.gradient.law_slopes import SUPPORTED
-from dolfinx_joints.joints.contact import Contact
-from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.common.parameters import (
+    check_kind_of,
+    check_named,
+    check_number,
+    check_vector,
+    finite,
+    numbers_of,
+    shown,
+)
+from dolfinx_joints.gradient.law_slopes import SLIP, SLIPS, SUPPORTED
+from dolfinx_joints.laws.law import (
+    BACKWARD_EULER,
+    DISCRETE_GRADIENT,
+    JointState,
+    Response,
+    Rule,
+)
 from dolfinx_joints.mesh.joint_pairs import no_such_joint
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import PointProbe, Probe, check_points
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
+from dolfinx_joints.solvers.effective_matrix import STATIC, MatrixCoefficients
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.step_solver import SolverAround, StepSolver
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
@@ -57,6 +71,32 @@ class Step:
     rate: float = 0.0
     rate_before: float = 0.0
     loads: Mapping[str, PETSc.Vec] | None = None
+
+    @property
+    def rule(self) -> Rule:
+        """Rule by which the laws are evaluated."""
+        return DISCRETE_GRADIENT if isinstance(self.scheme, EnergyConsistent) else BACKWARD_EULER
+
+    @property
+    def columns(self) -> int:
+        """Number of columns of a joint state: gap and elastic slip, and slips over whole steps."""
+        return SLIPS.stop if self.rule == DISCRETE_GRADIENT else SLIP.stop
+
+    @property
+    def coefficients(self) -> MatrixCoefficients:
+        """Coefficients of the matrix."""
+        if self.scheme is None:
+            return STATIC
+        if isinstance(self.scheme, Newmark):
+            beta, gamma, dt = self.scheme.beta, self.scheme.gamma, self.dt
+            mass, damping = 1.0 / (beta * dt**2), gamma / (beta * dt)
+            return MatrixCoefficients(mass=mass, damping=damping, stiffness=1.0)
+        return MatrixCoefficients(mass=0.5 * self.rate**2, damping=0.5 * self.rate, stiffness=0.5)
+
+    @property
+    def slip_scale(self) -> float:
+        """Factor of the step length by which the step rescales the last slips; 1 if it does not."""
+        return self.rate_before / self.rate if self.rate_before else 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +127,27 @@ class Quantity:
 
     value: Callable[[History], float]
     derivative: Callable[[History], Mapping[str, Floats]]
+
+    def value_of(self, history: History) -> float:
+        """Return the quantity, or raise a ValueError if it is not a finite number."""
+        value = self.value(history)
+        check_number("The value of the quantity", value, lambda _: True, "a finite number")
+        return float(value)
+
+    def derivative_of(self, history: History) -> dict[str, Floats]:
+        """Return the derivatives by the observed values, or raise a ValueError."""
+        given = self.derivative(history)
+        check_named("The derivative of the quantity", given, "arrays by name")
+        weights = {}
+        for name, array in given.items():
+            if name not in history.values:
+                raise ValueError(not_observed(name, history))
+            values, shape = numbers_of(array), history.values[name].shape
+            fits = values is not None and values.shape == shape and finite(values)
+            wanted = f"finite numbers of shape {shape}"
+            check_kind_of(f"The derivative by {name!r}", array, fits, wanted)
+            weights[name] = np.asarray(array, dtype=np.float64)
+        return weights
 
     @classmethod
     def at_end(cls, name: str, component: int) -> Quantity:
@@ -169,7 +230,7 @@ class Tape(Monitor):
                 )
         self.model, self.contact = model, model.contact
         self.probe = PointProbe(model, list(self.probes.values()), NodeNumbering(model.V))
-        self.weights = {n: _weights(self.contact, *place) for n, place in self._places.items()}
+        self.weights = {n: _weights(model, n, *place) for n, place in self._places.items()}
 
     def increment(self, equilibrium: Any, solved: Any, increment: Any) -> None:
         """Record an increment of a static stage (collective)."""
@@ -183,17 +244,18 @@ class Tape(Monitor):
         self._end(step, solved.after, equilibrium.displacement)
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
-        """Refuse grouting, construction stages and jumps."""
-        state = stages[-1].state
+        """Refuse all stages but `statics` and `quasi_statics`, construction stages and jumps."""
+        name, state = stages[-1].name, stages[-1].state
         same = state.joints is not None and state.joints.state is self._last
         _refuse("Joints are inactive or blocks are absent", bool(state.inactive or state.absent))
-        _refuse("Grouting changes joint states", not same)
+        _refuse(f"The stage {name!r} is not one of statics() or quasi_statics()", not same)
         _refuse("The structure jumps, so its state is no smooth function", bool(state.jumps))
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
-        """Refuse a second dynamic stage, and support forces that depend on the static state."""
+        """Refuse a second dynamic stage, viscous boundaries, and motions that differ."""
         _refuse("A second dynamic stage follows", self._ended)
         _refuse("Viscous boundaries carry static reactions", bool(model.absorbing))
+        _refuse("The motion differs between supports", first.static_part is not None)
         self._ended = True
 
     def resume(self, *_: Any) -> None:
@@ -278,7 +340,7 @@ def _condensed(solver: StepSolver) -> InterfaceSolver:
     system = solver.system
     _refuse("Water follows the openings of joints", system.water is not None)
     _refuse("A reservoir has waves", system.coupled is not None)
-    _refuse("The body has plastic cells", system.bulk is not None)
+    _refuse("The body has nonlinear cells", system.bulk is not None)
     _refuse("The damping has ratios of modes", system.damped_modes is not None)
     _refuse("Matrices are unsymmetric", not system.symmetric)
     _refuse("Several runs share their matrices", system.shared is not None)
@@ -295,22 +357,22 @@ def _joint_and_place(name: str, given: Any) -> tuple[str, Floats | None]:
         return given, None
     pair = isinstance(given, Sequence) and len(given) == 2 and isinstance(given[0], str)
     check_kind_of(f"The gap {shown(name)}", given, pair, "a joint, or a joint and coordinates")
-    place = np.zeros(3)
-    numbers = check_vector(f"The gap {shown(name)}", given[1], (2, 3))
-    place[: len(numbers)] = numbers
-    return given[0], place
+    return given[0], check_vector(f"The gap {shown(name)}", given[1], (2, 3))
 
 
-def _weights(contact: Contact, joint: str, place: Floats | None) -> Floats:
+def _weights(model: Model, name: str, joint: str, place: Floats | None) -> Floats:
     """Return the weights of the local points in an observed gap, shape (n,) (collective)."""
-    operator = contact.operator
+    assert model.contact is not None
+    operator, tied = model.contact.operator, model.contact.tied
     if joint not in operator.names:
         raise JointsError(no_such_joint(joint, operator.names))
-    in_joint = (operator.joint == operator.names.index(joint)) & ~contact.tied
+    in_joint = (operator.joint == operator.names.index(joint)) & ~tied
     weights = np.where(in_joint, operator.areas, 0.0)
     if place is not None:
         assert operator.points is not None
-        distance = np.where(in_joint, np.linalg.norm(operator.points - place, axis=1), np.inf)
+        position = np.zeros(3)
+        position[: model.gdim] = check_vector(f"The gap {shown(name)}", place, (model.gdim,))
+        distance = np.where(in_joint, np.linalg.norm(operator.points - position, axis=1), np.inf)
         shortest = operator.comm.allgather(float(distance.min(initial=np.inf)))
         weights[:] = 0.0
         if operator.comm.rank == int(np.argmin(shortest)):

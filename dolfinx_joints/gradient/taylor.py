@@ -14,20 +14,26 @@ import numpy as np
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import of_ranks, raised_together, summed
-from dolfinx_joints.common.parameters import check_each, check_number, finite, shown
+from dolfinx_joints.common.parameters import (
+    check_each,
+    check_kind_of,
+    check_named,
+    check_number,
+    numbers_of,
+    shown,
+)
 from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.gradient.law_slopes import DERIVED, parameters_of
 from dolfinx_joints.gradient.reverse_sweep import Gradient, gradient_of
 from dolfinx_joints.gradient.tape import Quantity, Tape
 from dolfinx_joints.joints.law_points import LawPoints
+from dolfinx_joints.mesh.joint_pairs import no_such_joint
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 
 # Sizes of the changes, as parts of the given change, and the error that ends the linear range.
 SIZES = tuple(2.0**-k for k in range(11))
 LINEAR = 0.1
-
-Change = Mapping[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -51,7 +57,7 @@ class TaylorTest(Summarised):
         yield "slope", f"{self.linear:.6g}"
         yield "orders", ", ".join(f"{order:.2f}" for order in self.orders)
         yield "no flips up to", f"{self.range_without_flips:g}"
-        yield "10 % off beyond", f"{self.linear_range:g}"
+        yield "within 10 % up to", f"{self.linear_range:g}"
 
     @property
     def remainders(self) -> Floats:
@@ -76,19 +82,15 @@ class TaylorTest(Summarised):
 
     def _range(self, valid: Any) -> float:
         """Return the largest size up to which all sizes are valid."""
-        size = 0.0
-        for h, is_valid in zip(self.sizes[::-1], valid[::-1], strict=True):
-            if not is_valid:
-                break
-            size = float(h)
-        return size
+        all_smaller_valid = np.logical_and.accumulate(valid[::-1])[::-1]
+        return float(self.sizes[all_smaller_valid].max(initial=0.0))
 
 
 def taylor_test(
     run: Callable[[Model, Tape], Any],
     tape: Tape,
     quantity: Quantity,
-    change: Change,
+    change: Mapping[str, Any],
     *,
     gradient: Gradient | None = None,
     sizes: Sequence[float] = SIZES,
@@ -106,10 +108,13 @@ def taylor_test(
         gradient: Gradient of the quantity, if it is known; computed by default.
         sizes: Sizes h of the changes, descending, as parts of ``change``.
     """
-    assert tape.model is not None
-    if len(sizes) < 2 or not (np.diff([*sizes, 0.0]) < 0.0).all():
-        raise ValueError(f"sizes is {shown(sizes)}; it must be descending positive numbers.")
+    check_named("change", change, "changes by name of a parameter or load")
+    numbers = numbers_of(sizes)
+    descend = numbers is not None and numbers.ndim == 1 and (np.diff([*numbers, 0.0]) < 0.0).all()
+    good = bool(descend) and len(sizes) > 1 and np.isfinite(sizes[0])
+    check_kind_of("sizes", sizes, good, "two or more descending positive numbers")
     gradient = gradient_of(tape, quantity) if gradient is None else gradient
+    assert tape.model is not None
     fields, loads = _split(tape, gradient, change)
     comm = tape.contact.operator.comm
     of_points = [float(gradient.by_point[name] @ values) for name, values in fields.items()]
@@ -119,7 +124,7 @@ def taylor_test(
     for size in map(float, sizes):
         again = Tape(tape.points, gaps=tape.gaps)
         run(changed_model(tape.model, fields, loads, size), again)
-        changes.append(float(quantity.value(again.history())) - gradient.value)
+        changes.append(quantity.value_of(again.history()) - gradient.value)
         if len(again.steps) != len(tape.steps):
             flipped.append(-1)
             continue
@@ -174,28 +179,27 @@ def changed_model(
 
 
 def _split(
-    tape: Tape, gradient: Gradient, change: Change
+    tape: Tape, gradient: Gradient, change: Mapping[str, Any]
 ) -> tuple[dict[str, Floats], dict[str, float]]:
     """Return the changes of joint parameters at the local points, and those of load factors."""
     operator, joints = tape.contact.operator, tape.contact.operator.names
     fields: dict[str, Floats] = {}
     loads: dict[str, float] = {}
     for name, values in change.items():
-        if name in gradient.by_point and isinstance(values, Mapping):
+        label = f"The change of {name!r}"
+        if name in gradient.by_load:
+            check_number(label, values, lambda _: True, "a finite number")
+            loads[name] = float(values)
+        elif name in gradient.by_point and isinstance(values, Mapping):
             if wrong := [joint for joint in values if joint not in joints]:
-                raise JointsError(f"{wrong[0]!r} is not a joint; use {', '.join(joints)}.")
+                raise JointsError(no_such_joint(wrong[0], joints))
             for joint, value in values.items():
-                check_number(
-                    f"The change of {name!r} of {joint!r}", value, lambda _: True, "finite"
-                )
+                check_number(f"{label} of {joint!r}", value, lambda _: True, "a finite number")
             by_joint = np.array([float(values.get(joint, 0.0)) for joint in joints])
             fields[name] = by_joint[operator.joint]
         elif name in gradient.by_point:
             with raised_together(operator.comm):
-                label = f"The change of {name!r}"
                 fields[name] = check_each(label, values, len(operator.joint))
-        elif name in gradient.by_load and finite(values):
-            loads[name] = float(values)
         else:
             names = ", ".join([*gradient.by_point, *gradient.by_load])
             raise ValueError(f"{shown(name)} is not a parameter; the gradient contains {names}.")

@@ -17,8 +17,8 @@ from petsc4py import PETSc
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import of_ranks
-from dolfinx_joints.laws.law import Rule
-from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients, unconstrained_dofs
+from dolfinx_joints.gradient.tape import Step
+from dolfinx_joints.solvers.effective_matrix import unconstrained_dofs
 from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 
@@ -45,21 +45,18 @@ class TransposedStep:
         """Add B^T times values of the points, shape (n, 3), to a nodal vector (collective)."""
         out.axpy(1.0, self._operator.force(gaps / self._operator.areas[:, None], self._nodal))
 
-    def solve(
-        self, coefficients: MatrixCoefficients, rule: Rule, tangent: Floats, b: PETSc.Vec
-    ) -> tuple[PETSc.Vec, Floats]:
+    def solve(self, step: Step, tangent: Floats, b: PETSc.Vec) -> tuple[PETSc.Vec, Floats]:
         """Return z, zero at constrained dofs, and q = B z of shape (n, 3) (collective).
 
         Args:
-            coefficients: Coefficients of A.
-            rule: Rule of the step.
+            step: Recorded step.
             tangent: D^T of the points, shape (n, 3, 3), [Pa/m].
             b: Right-hand side.
 
         Raises:
             JointsError: The equation is singular.
         """
-        condensed = self._solver.condensed(coefficients, rule)
+        condensed = self._solver.condensed(step.coefficients, step.rule)
         own = np.repeat(condensed.compliance.own, (1, 2), axis=1)
         if condensed.springs is not None:
             stiffness = np.repeat(condensed.springs.stiffness, (1, 2), axis=1)
@@ -71,10 +68,8 @@ class TransposedStep:
         if condensed.static:
             # Soft springs and large rigid motions amplify rounding errors: refine z. If a block can
             # move freely, this may fail although the part of z that matters is determined.
-            zero, last = b.duplicate(), np.inf
-            zero.set(0.0)
-            size = float(self._residual(condensed, tangent, b, zero).norm()) or 1.0
-            trial = z
+            self._nodal.pointwiseMult(b, self._free)
+            size, last, trial = self._nodal.norm() or 1.0, np.inf, z
             while (norm := (r := self._residual(condensed, tangent, b, trial)).norm()) < 0.5 * last:
                 z, last, relative = trial, norm, norm / size
                 if relative <= TARGET:
@@ -82,8 +77,9 @@ class TransposedStep:
                 trial = z + self._response(condensed, scaled, r)[0]
         if not relative <= ACCEPTED:
             raise JointsError(
-                "The linearised equation of a step is singular: a block can move freely, and the "
-                f"quantity has no derivative (relative residual {relative:.1e})."
+                f"The linearised equation of a step at t = {step.times[1]:.6g} s is singular or "
+                "nearly singular: a block can move freely, and the quantity has no derivative "
+                f"(relative residual {relative:.1e}). Springs or friction can support the block."
             )
         return z, self._operator.jump(z)
 

@@ -64,10 +64,20 @@ def test_schemes(scheme):
         run.dynamics(dt=1e-3, steps=1, motion=motion, scheme=scheme)
 
 
+def test_motion_that_differs_between_supports():
+    record = dj.Motion(acceleration=np.outer(np.arange(9.0), [1.0, 0.0, 0.0]), dt=1e-3)
+    places = {"left": (0.0, 0.0, 0.0), "right": (2.0, 0.0, 0.0)}
+    differing = dj.DifferingMotion(motions=dict.fromkeys(places, record), positions=places)
+    _, run = tape_of(blocks())
+    run.statics()
+    with pytest.raises(dj.JointsError, match="The motion differs between supports"):
+        run.dynamics(dt=1e-3, steps=2, motion=differing)
+
+
 def test_stages(tmp_path):
     _, run = tape_of(blocks())
     run.statics()
-    with pytest.raises(dj.JointsError, match="Grouting changes joint states"):
+    with pytest.raises(dj.JointsError, match="The stage 'grouting 1' is not one of statics"):
         run.grout(["j"])
 
     _, run = tape_of(blocks())
@@ -85,6 +95,17 @@ def test_stages(tmp_path):
     run.load_static(tmp_path / "static.h5")
     with pytest.raises(dj.JointsError, match="does not start from the unloaded body"):
         run.dynamics(dt=1e-3, steps=2, motion=motion)
+
+
+def test_stages_of_other_functions():
+    _, run = tape_of(blocks())
+    run.statics()
+    gap = dj.ControlledGap(joint="j")
+    with pytest.raises(dj.JointsError, match="'controlled statics 1, 1' is not one of statics"):
+        dj.controlled_statics(run, [-1e-6], loads=run.model.loads, quantity=gap)
+    tape = dj.Tape(POINTS)
+    with pytest.raises(dj.JointsError, match="'factor of safety' is not one of statics"):
+        dj.factor_of_safety(run, monitors=[tape])
 
 
 def test_restart(tmp_path):
@@ -153,6 +174,14 @@ def test_arguments():
         dj.gradient_of(tape, dj.Quantity(value=lambda h: 0.0, derivative=lambda h: {"top": 0.0}))
     with pytest.raises(ValueError, match="'side' is not observed; the names are top, middle"):
         dj.gradient_of(tape, dj.Quantity.at_end("side", 0))
+    for value in (np.nan, None, np.zeros(3)):
+        with pytest.raises(ValueError, match="value of the quantity is"):
+            dj.gradient_of(tape, dj.Quantity(value=lambda h, v=value: v, derivative=lambda h: {}))
+    for weights in (None, np.zeros((1, 3)), {"top": [[1j, 0, 0]]}, {"top": [["a", "b", "c"]]}):
+        with pytest.raises(ValueError, match="The derivative"):
+            dj.gradient_of(tape, dj.Quantity(value=END.value, derivative=lambda h, w=weights: w))
+    with pytest.raises(ValueError, match="gap 'a' is .* it must be 2 finite numbers"):
+        dj.Simulation(blocks(), monitors=[dj.Tape(gaps={"a": ("j", (0.0, 1.0, 0.0))})])
     with pytest.raises(ValueError, match="component"):
         dj.Quantity.at_end("top", 3)
 
@@ -161,12 +190,20 @@ def test_arguments():
 
     with pytest.raises(ValueError, match="'cohesion' is not a parameter; the gradient contains"):
         dj.taylor_test(statics, tape, END, {"cohesion": {"j": 1.0}})
-    with pytest.raises(dj.JointsError, match="'k' is not a joint"):
+    with pytest.raises(dj.JointsError, match="no joint 'k'"):
         dj.taylor_test(statics, tape, END, {"normal_stiffness": {"k": 1.0}})
     for change in ({"j": "soft"}, np.ones(7), None):
         with pytest.raises(ValueError, match="The change of 'normal_stiffness'"):
             dj.taylor_test(statics, tape, END, {"normal_stiffness": change})
+    for factor in ("large", np.nan, {"j": 1.0}):
+        with pytest.raises(ValueError, match="The change of 'Gravity' is .* a finite number"):
+            dj.taylor_test(statics, tape, END, {"Gravity": factor})
     with pytest.raises(ValueError, match="normal_stiffness"):
         dj.taylor_test(statics, tape, END, {"normal_stiffness": {"j": -6e9}})
-    with pytest.raises(ValueError, match="sizes"):
-        dj.taylor_test(statics, tape, END, {"normal_stiffness": {"j": 1.0}}, sizes=[0.5, 1.0])
+    for sizes in ([0.5, 1.0], "ab", [1.0, np.nan], [1.0]):
+        with pytest.raises(ValueError, match="sizes"):
+            dj.taylor_test(statics, tape, END, {"normal_stiffness": {"j": 1.0}}, sizes=sizes)
+    with pytest.raises(ValueError, match="change is 'mu'; it must be changes by name"):
+        dj.taylor_test(statics, tape, END, "mu")
+    with pytest.raises(dj.JointsError, match="The tape is empty"):
+        dj.taylor_test(statics, dj.Tape(POINTS), END, {})

@@ -147,6 +147,30 @@ def test_from_rest_with_a_jump_of_the_motion(scheme):
     assert checked > 2
 
 
+@pytest.mark.parametrize("scheme", [None, *SCHEMES], ids=lambda s: type(s).__name__)
+@pytest.mark.parametrize("name", ["friction_coefficient", "adhesion"])
+def test_parameters_of_zero(name, scheme):
+    """Compare with the quotient of a small growth: the derivative is one-sided."""
+    size = {"friction_coefficient": 1e-6, "adhesion": 1.0}[name]
+    traction = dj.Traction(group="right", value=(-35e3, 0.0))
+
+    def value(growth):
+        given = {"normal_stiffness": 5e9, "shear_stiffness": 3e9, "friction_coefficient": 0.5}
+        kind = dj.AdhesiveJoint if name == "adhesion" else dj.FrictionNoTension
+        law = kind(**(given | {name: growth}))
+        loads, supports = [dj.Gravity(), traction], [dj.Fixed(group="base"), SPRING]
+        tape = dj.Tape(gaps={"middle": "j"})
+        simulation = dj.Simulation(blocks(law, loads=loads, supports=supports), monitors=[tape])
+        simulation.statics()
+        if scheme is not None:
+            simulation.dynamics(dt=2e-3, steps=5, scheme=scheme, motion=lambda t: (t, 0.0, 0.0))
+        return tape, tape.history().values["middle"][-1, 1]
+
+    (tape, start), (_, end) = value(0.0), value(size)
+    gradient = dj.gradient_of(tape, dj.Quantity.at_end("middle", 1))
+    assert gradient.by_joint[name]["j"] == pytest.approx((end - start) / size, rel=1e-4)
+
+
 def test_two_laws_and_whole_joints():
     """Derivatives by the parameters of whole joints, of two joints with different laws."""
     two = box((2.0, 3.0), (2, 6), joints={"j": (1, 1.0), "k": (1, 2.0)}, groups={"base": (1, 0.0)})

@@ -21,7 +21,10 @@ from dolfinx_joints.materials.orthotropic import Orthotropic
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
 
 # Strain at which new materials are evaluated after zero strain: small, without equal components.
-_TEST_STRAIN = 1e-7 * np.array([[-3.0, 1.0, 2.0, 0.7, -0.5, 1.1]])
+_TEST_STRAIN = np.array([[-3e-7, 1e-7, 2e-7, 7e-8, -5e-8, 1.1e-7]])
+
+# Growth of this strain for the derivative of an energy, and its tolerance: exact for quadratics.
+_GROWTH = 1e-3
 
 # Largest stress at zero strain, and largest negative stiffness there, divided by the elastic
 # stiffness: a strain of 1e-9. The limit of the energy is the square.
@@ -101,12 +104,12 @@ class EndPointMaterial:
         """Return the response at the end of a step, or over the whole step."""
         stress, tangent, energy, internal = self._respond(strain, state.internal, dt)
         zero = np.zeros(len(strain))
-        after = BulkState(
-            strain=strain.copy(),
-            stress=stress,
-            energy=zero if energy is None else energy,
-            internal=state.internal if internal is None else internal,
-        )
+        energy = zero if energy is None else energy.copy()  # the function may reuse its arrays
+        internal = state.internal if internal is None else internal
+        # The solver checks the stress only, so a point with any other NaN gets a stress of NaN.
+        sums = tangent.sum(axis=(1, 2)) + energy + internal.sum(axis=1)
+        stress = np.where(np.isfinite(sums)[:, None], stress, np.nan)
+        after = BulkState(strain=strain.copy(), stress=stress, energy=energy, internal=internal)
         mean = 0.5 * (state.stress + stress)
         loss = product(mean, strain - state.strain) - (after.energy - state.energy)
         if whole and self.reversible:
@@ -146,11 +149,7 @@ class EndPointMaterial:
     def _respond(self, strain: Floats, internal: Floats, dt: float) -> PointResponse:
         """Return the response, checked for its shapes."""
         owner, count = type(self).__name__, len(strain)
-        if dt < 0.0:
-            raise ValueError(
-                f"{owner}: the time decreases by {-dt:g} s; times of quasi_statics must increase."
-            )
-        given = self.function(strain, internal, dt)
+        given = self.function(strain.copy(), internal.copy(), dt)
         if not isinstance(given, tuple) or len(given) not in (2, 3, 4):
             wanted = "(stress, tangent[, energy[, internal variables]])"
             raise ValueError(f"{owner} returned {shown(given)}; it must return {wanted}.")
@@ -222,13 +221,14 @@ class NumpyMaterial(EndPointMaterial):
     Attributes:
         function: Function of strain (n, 6), internal variables (n, m) at the start of the step and
             step length [s] that returns the values of `PointResponse`, at least the first two. It
-            is called with any number of points and must not change its arguments.
+            is called with any number of points.
         elastic: Elastic material for the density, the matrix K, modes and damping.
         internal: Initial value of each internal variable by name: a number, an array, or a
             function of the sizes of the cells, shape (n,), [m].
 
     Raises:
-        ValueError: The function returns arrays of other shapes, NaN, or a stress at zero strain.
+        ValueError: The function returns arrays of other shapes, NaN, a stress at zero strain, or
+            without internal variables an energy whose derivative is not the stress.
     """
 
     function: Callable[..., Any]
@@ -238,14 +238,29 @@ class NumpyMaterial(EndPointMaterial):
     def __post_init__(self) -> None:
         check_internal(type(self).__name__, self.internal, "a dict by name")
         object.__setattr__(self, "initials", self.internal)
-        has_energy = self._check().energy is not None
-        object.__setattr__(self, "reversible", has_energy and not self.internal)
+        answer = self._check()
+        object.__setattr__(self, "reversible", answer.energy is not None and not self.internal)
+        if self.reversible:
+            self._check_energy(float(answer.stress[1] @ _TEST_STRAIN[0]))
+
+    def _check_energy(self, slope: float) -> None:
+        """Check that the energy changes by stress : strain if the test strain grows."""
+        strain = _TEST_STRAIN * np.array([[1.0 - _GROWTH], [1.0 + _GROWTH]])
+        energy = self._respond(strain, np.zeros((2, 0)), 0.0).energy
+        assert energy is not None
+        change = float(energy[1] - energy[0]) / (2.0 * _GROWTH)
+        if not abs(change - slope) <= _GROWTH * max(abs(change), abs(slope)):
+            raise ValueError(
+                f"{type(self).__name__}: the energy does not fit the stress: for strains x e with e = "
+                f"{_TEST_STRAIN[0].tolist()}, d energy / dx at x = 1 is {change:.4g} J/m^3, but "
+                f"stress : e is {slope:.4g} J/m^3. The stress must be the derivative of the energy."
+            )
 
 
 def check_internal(
     owner: str, internal: Any, wanted: str, fits: Callable[[Any], bool] = lambda item: True
 ) -> None:
     """Check that internal variables are a mapping from plain names to values that fit."""
-    valid = isinstance(internal, Mapping) and all(map(is_plain_name, map(str, internal)))
-    if not valid or not all(map(fits, internal.values())):
+    valid = isinstance(internal, Mapping) and all(isinstance(name, str) for name in internal)
+    if not (valid and all(map(is_plain_name, internal)) and all(map(fits, internal.values()))):
         raise ValueError(f"{owner}: internal is {shown(internal)}; it must be {wanted}.")

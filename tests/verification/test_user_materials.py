@@ -356,6 +356,40 @@ class Stop(Monitor):
             raise KeyboardInterrupt
 
 
+@pytest.mark.parametrize("rule", ["backward_euler", "discrete_gradient"])
+def test_functions_may_reuse_or_change_arrays(rule):
+    """Return the same arrays at each call, and overwrite the arguments: the response is equal."""
+    c, buffers = CONCRETE.stiffness_matrix(), [np.zeros(s) for s in ((9, 6), (9, 6, 6), (9,))]
+
+    def respond(strain, internal, dt):
+        size = np.einsum("ni,ij,nj->n", strain, c, strain)
+        stress = (1.0 + 1e-3 * size)[:, None] * (strain @ c)
+        tangent = (1.0 + 1e-3 * size)[:, None, None] * c
+        tangent += 2e-3 * np.einsum("ni,nj->nij", strain @ c, strain @ c)
+        return stress, tangent, 0.5 * size + 0.25e-3 * size**2
+
+    def reusing(strain, internal, dt):
+        answers = respond(strain, internal, dt)
+        if len(strain) != 9:
+            return answers
+        for buffer, answer in zip(buffers, answers, strict=True):
+            buffer[:] = answer
+        strain[:] = 1.0
+        return tuple(buffers)
+
+    answers = []
+    for function in (respond, reusing):
+        law = dj.NumpyMaterial(function, elastic=CONCRETE)
+        start = BulkState.elastic(np.zeros((9, 6)), c, np.zeros((9, 0)))
+        state = law.backward_euler(random_strains(9, 1e-4, 0), start).state
+        answers.append(getattr(law, rule)(random_strains(9, 2e-4, 1), state))
+    first, second = answers
+    for name in ("stress", "tangent", "dissipation", "numerical"):
+        np.testing.assert_array_equal(getattr(second, name), getattr(first, name))
+    for name in ("strain", "stress", "energy"):
+        np.testing.assert_array_equal(getattr(second.state, name), getattr(first.state, name))
+
+
 def random_strains(count, size, seed):
     return size * np.random.default_rng(seed).normal(size=(count, 6))
 
@@ -423,6 +457,7 @@ HOOKE = lambda e: 1e9 * ufl.inner(e, e)  # noqa: E731
             {"energy": HOOKE, "internal": {"k": ([], lambda *a: a[1])}},
             "the initial value of 'k' is",
         ),
+        ({"energy": HOOKE, "internal": {3: (0.0, lambda *a: a[1])}}, "internal is {3"),
         ({"energy": HOOKE, "internal": {"a/b": (0.0, lambda *a: a[1])}}, "internal is {'a/b'"),
         (
             {"energy": lambda e, k: HOOKE(e), "internal": {"k": (math.nan, lambda e, k, dt: k)}},
@@ -441,6 +476,21 @@ HOOKE = lambda e: 1e9 * ufl.inner(e, e)  # noqa: E731
 def test_wrong_ufl_is_refused(given, sentence):
     with pytest.raises(ValueError, match=sentence):
         dj.UflMaterial(**{"elastic": CONCRETE, **given})
+
+
+def test_ufl_diff_in_functions_of_users():
+    """A stress by ufl.diff equals the default one; an update may differentiate by a variable."""
+    shear, lame = CONCRETE.shear_modulus, CONCRETE.first_lame("strain")
+    psi = lambda e, k: (1.0 - k) * (0.5 * lame * ufl.tr(e) ** 2 + shear * ufl.inner(e, e))  # noqa: E731
+    grown = lambda e, k, dt: ufl.max_value(k, -1e-6 * ufl.diff(psi(e, k), k))  # noqa: E731
+    materials = [
+        dj.UflMaterial(energy=psi, elastic=CONCRETE, internal={"d": (0.0, grown)}, **stress)
+        for stress in ({}, {"stress": lambda e, k: ufl.diff(psi(e, k), e)})
+    ]
+    strain = random_strains(5, 1e-4, 3)
+    answers = [law.function(strain, np.zeros((5, 1)), 0.0) for law in materials]
+    for derived, given in zip(*answers, strict=True):
+        np.testing.assert_allclose(given, derived, rtol=1e-12, atol=1e-3)
 
 
 def test_coefficients_of_a_mesh_are_refused(comm):
@@ -468,6 +518,10 @@ def test_coefficients_of_a_mesh_are_refused(comm):
             lambda e: (e, np.tile(np.eye(6), (len(e), 1, 1)), [0.0]),
             r"energy is \[0.0\]; for 2 points",
         ),
+        (
+            lambda e: (e, np.tile(np.eye(6), (len(e), 1, 1)), np.sum(e**2, axis=1)),
+            "d energy / dx at x = 1 is .* but stress : e is .*must be the derivative of the energy",
+        ),
     ],
 )
 def test_wrong_functions_are_refused(answer, sentence):
@@ -482,11 +536,17 @@ def test_faults_in_a_run_are_named(comm, page):
         stress, tangent, _ = hooke_in_numpy(CONCRETE).function(strain, internal, dt)
         return np.where(np.abs(strain) > 1e-5, math.nan, stress), tangent
 
+    def respond_with_energy(strain, internal, dt):
+        answer = hooke_in_numpy(CONCRETE).function(strain, internal, dt)
+        return *answer[:2], np.where(np.abs(strain).max(axis=1) > 1e-5, math.nan, answer[2])
+
     push = [dj.Pressure(group="top", value=25e6)]
-    model = tower(comm, "quadrilateral", dj.NumpyMaterial(respond, elastic=CONCRETE), loads=push)
-    with pytest.raises(dj.ConvergenceError, match="the law NumpyMaterial returned NaN or infinity"):
-        dj.Simulation(model).statics()
-    with pytest.raises(ValueError, match="UflMaterial: the time decreases by 1 s"):
+    for function in (respond, respond_with_energy):
+        law = dj.NumpyMaterial(function, elastic=CONCRETE)
+        model = tower(comm, "quadrilateral", law, loads=push)
+        with pytest.raises(dj.ConvergenceError, match="law NumpyMaterial returned NaN or infinity"):
+            dj.Simulation(model).statics()
+    with pytest.raises(dj.JointsError, match=r"The times \[1.0, 0.0\] s must not decrease"):
         dj.Simulation(tower(comm, "quadrilateral", page.no_tension(1e9, 1800.0))).quasi_statics(
             [1, 0]
         )

@@ -278,7 +278,7 @@ def _condensed(solver: StepSolver) -> InterfaceSolver:
     system = solver.system
     _refuse("Water follows the openings of joints", system.water is not None)
     _refuse("A reservoir has waves", system.coupled is not None)
-    _refuse("The body has plastic cells", system.bulk is not None)
+    _refuse("The body has nonlinear cells", system.bulk is not None)
     _refuse("The damping has ratios of modes", system.damped_modes is not None)
     _refuse("Matrices are unsymmetric", not system.symmetric)
     _refuse("Several runs share their matrices", system.shared is not None)

@@ -159,10 +159,11 @@ class EndPointMaterial:
             if value is None and (name == "energy" or 0 in shape):
                 continue
             if getattr(value, "dtype", None) != np.float64 or value.shape != shape:
-                given = f"of shape {value.shape}" if hasattr(value, "shape") else shown(value)
+                an_array = isinstance(value, np.ndarray)
+                given = f"{value.dtype} of shape {value.shape}" if an_array else shown(value)
                 raise ValueError(
-                    f"{owner}: {name} is {given}; for {count} points it must be an array of floats "
-                    f"of shape {shape}."
+                    f"{owner}: {name} is {given}; for {count} points it must be an array of "
+                    f"float64 of shape {shape}."
                 )
         return PointResponse(*answer)
 
@@ -228,7 +229,7 @@ class NumpyMaterial(EndPointMaterial):
 
     Raises:
         ValueError: The function returns arrays of other shapes, NaN, a stress at zero strain, or
-            without internal variables an energy whose derivative is not the stress.
+            derivatives of stress or (without internal variables) energy that are not correct.
     """
 
     function: Callable[..., Any]
@@ -240,21 +241,23 @@ class NumpyMaterial(EndPointMaterial):
         object.__setattr__(self, "initials", self.internal)
         answer = self._check()
         object.__setattr__(self, "reversible", answer.energy is not None and not self.internal)
-        if self.reversible:
-            self._check_energy(float(answer.stress[1] @ _TEST_STRAIN[0]))
+        self._check_derivatives(answer)
 
-    def _check_energy(self, slope: float) -> None:
-        """Check that the energy changes by stress : strain if the test strain grows."""
-        strain = _TEST_STRAIN * np.array([[1.0 - _GROWTH], [1.0 + _GROWTH]])
-        energy = self._respond(strain, np.zeros((2, 0)), 0.0).energy
-        assert energy is not None
-        change = float(energy[1] - energy[0]) / (2.0 * _GROWTH)
-        if not abs(change - slope) <= _GROWTH * max(abs(change), abs(slope)):
-            raise ValueError(
-                f"{type(self).__name__}: the energy does not fit the stress: for strains x e with e = "
-                f"{_TEST_STRAIN[0].tolist()}, d energy / dx at x = 1 is {change:.4g} J/m^3, but "
-                f"stress : e is {slope:.4g} J/m^3. The stress must be the derivative of the energy."
-            )
+    def _check_derivatives(self, answer: PointResponse) -> None:
+        """Check that stress and energy have the returned derivatives as the test strain grows."""
+        strain, e = _TEST_STRAIN * np.array([[1.0 - _GROWTH], [1.0 + _GROWTH]]), _TEST_STRAIN[0]
+        near = self._respond(strain, self.initial_variables(np.ones(2)), 0.0)
+        derivatives = [("tangent", answer.tangent[1] @ e, "stress", near.stress)]
+        if self.reversible:
+            derivatives.append(("stress", answer.stress[1] @ e, "energy", near.energy))
+        for name, slope, of, ends in derivatives:
+            change = (ends[1] - ends[0]) / (2.0 * _GROWTH)
+            if not np.abs(change - slope).max() <= _GROWTH * np.abs([change, slope]).max():
+                raise ValueError(
+                    f"{type(self).__name__}: {name} is not the derivative of {of}: for the strains "
+                    f"x e with e = {e.tolist()}, d {of} / dx is {shown(change.tolist())} at x = 1, "
+                    f"but {name} : e is {shown(slope.tolist())}."
+                )
 
 
 def check_internal(

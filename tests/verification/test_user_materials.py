@@ -507,9 +507,9 @@ def test_coefficients_of_a_mesh_are_refused(comm):
         (lambda e: 3.0, r"returned 3.0; it must return \(stress, tangent"),
         (
             lambda e: (e[:, :3], np.zeros((len(e), 6, 6))),
-            r"stress is of shape \(2, 3\); for 2 points",
+            r"stress is float64 of shape \(2, 3\); for 2 points",
         ),
-        (lambda e: (e, None), r"tangent is None; for 2 points it must be an array of floats"),
+        (lambda e: (e, None), r"tangent is None; for 2 points it must be an array of float64"),
         (
             lambda e: (e * np.nan, np.zeros((len(e), 6, 6))),
             "stress is NaN or infinite at zero strain",
@@ -520,7 +520,15 @@ def test_coefficients_of_a_mesh_are_refused(comm):
         ),
         (
             lambda e: (e, np.tile(np.eye(6), (len(e), 1, 1)), np.sum(e**2, axis=1)),
-            "d energy / dx at x = 1 is .* but stress : e is .*must be the derivative of the energy",
+            "stress is not the derivative of energy: .* d energy / dx is .* but stress : e is ",
+        ),
+        (
+            lambda e: (e, np.tile(np.diag([1.0] * 3 + [2.0] * 3), (len(e), 1, 1))),
+            "tangent is not the derivative of stress: ",
+        ),
+        (
+            lambda e: (e.astype("f4"), np.tile(np.eye(6), (len(e), 1, 1))),
+            r"float32 of shape \(2, 6\); for 2 points it must be an array of float64",
         ),
     ],
 )

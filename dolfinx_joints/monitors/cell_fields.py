@@ -85,7 +85,9 @@ class CellFields:
         if isinstance(joints, BodyResponse) and self._model.bulk is not None:
             for name in self._model.bulk.variables:
                 if name in values:
-                    raise ValueError(f"The internal variable {name!r} has the name of a field.")
+                    raise ValueError(
+                        f"The internal variable {name!r} has the name of another field; rename it."
+                    )
                 means = self._model.bulk.variable(name, joints.state).x.array
                 values[name] = self._cells.dealt(means[: self._cells.owned])
         return values

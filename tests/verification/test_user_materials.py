@@ -345,6 +345,15 @@ def test_restart_restores_the_variables(comm, page, new_path):
         assert end.state.displacement.norm() == pytest.approx(norm, rel=1e-9)
 
 
+def test_variables_cannot_have_the_name_of_a_field(comm, new_path):
+    constant = {"stress [Pa]": (0.0, lambda e, k, dt: k)}
+    law = dj.UflMaterial(energy=lambda e, k: HOOKE(e), internal=constant, elastic=CONCRETE)
+    model = tower(comm, "quadrilateral", law)
+    simulation = dj.Simulation(model, monitors=[dj.FieldMonitor(new_path("fields.vtkhdf"))])
+    with pytest.raises(ValueError, match=r"variable 'stress \[Pa\]' has the name of another field"):
+        simulation.statics()
+
+
 class Stop(Monitor):
     """Stops a run after a step, never if zero."""
 

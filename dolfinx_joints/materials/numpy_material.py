@@ -184,8 +184,8 @@ class EndPointMaterial:
             if value is not None and not finite(value):
                 at = f"the strain {_TEST_STRAIN[0].tolist()}" if finite(value[0]) else "zero strain"
                 raise ValueError(
-                    f"{owner}: {name} is NaN or infinite at {at}; avoid for example the derivative "
-                    "of sqrt(x) at x = 0 by sqrt(x + 1e-30)."
+                    f"{owner}: {name} is NaN or infinite at {at}. Avoid, for example, sqrt(x) "
+                    "with infinite slope at x = 0 by sqrt(x + 1e-30), and division by dt = 0."
                 )
         scale = float(np.abs(elastic.stiffness_matrix()).max())
         for name, limit in (("stress", _AT_REST * scale), ("energy", _AT_REST**2 * scale)):

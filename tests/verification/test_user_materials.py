@@ -457,6 +457,10 @@ HOOKE = lambda e: 1e9 * ufl.inner(e, e)  # noqa: E731
         ({"energy": lambda e: -HOOKE(e)}, "tangent at zero strain has the eigenvalue -2e.09 Pa"),
         ({"energy": lambda e: 1e9 * ufl.inner(e, e) ** 0.5}, "is NaN or infinite at zero strain"),
         ({"energy": HOOKE, "elastic": 3.0}, "elastic is 3.0; it must be an Elastic or an Ortho"),
+        (
+            {"energy": lambda e, k: HOOKE(e), "internal": {"k": (0.0, lambda e, k, dt: k / dt)}},
+            "internal is NaN or infinite at zero strain.*division by dt = 0",
+        ),
         ({"energy": HOOKE, "internal": [1]}, r"internal is \[1\]; it must be {\"name\""),
         (
             {"energy": lambda e, k: HOOKE(e), "internal": {"k": 1.0}},
@@ -487,8 +491,25 @@ def test_wrong_ufl_is_refused(given, sentence):
         dj.UflMaterial(**{"elastic": CONCRETE, **given})
 
 
+def test_relaxed_stress_is_not_refused_as_asymmetric():
+    """Relax to rounding error by an update with rounding errors that are not symmetric."""
+    turn = ufl.as_matrix(np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0].tolist())
+    turned = lambda a: turn.T * (turn * a * turn.T) * turn  # noqa: E731
+    flow = lambda e, p, dt: turned(p + dt / (1.0 + dt) * (e - p))  # noqa: E731
+    law = dj.UflMaterial(
+        stress=lambda e, p: 25e9 * (e - p),
+        internal={"p": (np.zeros((3, 3)), flow)},
+        elastic=CONCRETE,
+    )
+    strain, internal = random_strains(50, 1e-4, 0), np.zeros((50, 9))
+    for _ in range(20):
+        answer = law.function(strain, internal, 10.0)
+        internal = answer.internal
+    assert np.abs(answer.stress).max() < 1e-6
+
+
 def test_ufl_diff_in_functions_of_users():
-    """A stress by ufl.diff equals the default one; an update may differentiate by a variable."""
+    """Compare a stress by ufl.diff with the default one, with ufl.diff in an update as well."""
     shear, lame = CONCRETE.shear_modulus, CONCRETE.first_lame("strain")
     psi = lambda e, k: (1.0 - k) * (0.5 * lame * ufl.tr(e) ** 2 + shear * ufl.inner(e, e))  # noqa: E731
     grown = lambda e, k, dt: ufl.max_value(k, -1e-6 * ufl.diff(psi(e, k), k))  # noqa: E731

@@ -345,6 +345,28 @@ def test_restart_restores_the_variables(comm, page, new_path):
         assert end.state.displacement.norm() == pytest.approx(norm, rel=1e-9)
 
 
+def test_states_of_other_materials_are_refused(comm, page):
+    """Continue at rest, and compute a factor of safety, with materials of other variables."""
+    damping = dj.Rayleigh(mass_factor=20.0, stiffness_factor=1e-3)
+    damaged = tower(comm, "quadrilateral", page.damage(CONCRETE, 2e5, 50.0), damping=damping)
+    simulation = dj.Simulation(damaged, options=NEWTON)
+    simulation.statics()
+    state = simulation.dynamics(dt=2e-3, steps=2, motion=shaking(2)).state
+    sentence = "The state is of another mesh or of laws with other variables"
+    for material in (CONCRETE, page.kelvin(CONCRETE, 1e10, 1.0)):
+        other = dj.Model(
+            damaged.jointed,
+            material=material,
+            joints=LAW,
+            supports=[dj.Fixed(group="base")],
+            loads=[dj.Gravity()],
+        )
+        with pytest.raises(ValueError, match=sentence):
+            dj.to_rest(simulation, state, dt=2e-3, model=other)
+        with pytest.raises(ValueError, match=sentence):
+            dj.factor_of_safety(dj.Simulation(other), start=simulation.static)
+
+
 def test_variables_cannot_have_the_name_of_a_field(comm, new_path):
     constant = {"stress [Pa]": (0.0, lambda e, k, dt: k)}
     law = dj.UflMaterial(energy=lambda e, k: HOOKE(e), internal=constant, elastic=CONCRETE)

@@ -247,7 +247,7 @@ class NumpyMaterial(EndPointMaterial):
         """Check that stress and energy have the returned derivatives as the test strain grows."""
         strain, e = _TEST_STRAIN * np.array([[1.0 - _GROWTH], [1.0 + _GROWTH]]), _TEST_STRAIN[0]
         near = self._respond(strain, self.initial_variables(np.ones(2)), 0.0)
-        derivatives = [("tangent", answer.tangent[1] @ e, "stress", near.stress)]
+        derivatives: list[Any] = [("tangent", answer.tangent[1] @ e, "stress", near.stress)]
         if self.reversible:
             derivatives.append(("stress", answer.stress[1] @ e, "energy", near.energy))
         for name, slope, of, ends in derivatives:

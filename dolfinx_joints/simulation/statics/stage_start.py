@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -82,7 +83,7 @@ def check_fits(model: Model, start: StaticState) -> None:
         )
     fits = start.displacement.getSizes() == model.stiffness.createVecRight().getSizes()
     if joints is not None:
-        stored = getattr(getattr(joints.state, "bulk", None), "internal", None)
+        stored: Any = getattr(getattr(joints.state, "bulk", None), "internal", None)
         fits &= np.shape(stored) == np.shape(getattr(model.bulk, "initial", None))
     if contact is not None and joints is not None:
         needed = contact.resting(contact.initial_gap)

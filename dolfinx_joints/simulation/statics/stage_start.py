@@ -84,7 +84,8 @@ def check_fits(model: Model, start: StaticState) -> None:
     fits = start.displacement.getSizes() == model.stiffness.createVecRight().getSizes()
     if joints is not None:
         stored: Any = getattr(getattr(joints.state, "bulk", None), "internal", None)
-        fits &= np.shape(stored) == np.shape(getattr(model.bulk, "initial", None))
+        initial: Any = getattr(model.bulk, "initial", None)
+        fits &= np.shape(stored) == np.shape(initial)
     if contact is not None and joints is not None:
         needed = contact.resting(contact.initial_gap)
         fits &= len(joints.state.gap) == len(needed.gap)

@@ -19,6 +19,9 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 # Nodes coincide if their distance divided by the extent of the mesh is below this value.
 SAME_PLACE = 1e-9
 
+# Largest distance of a given point from its node, divided by the extent of the mesh.
+NO_NODE = 1e-6
+
 
 def nodes_of_facets(jointed: JointedMesh, V: FunctionSpace, group: str) -> Ints:
     """Return owned nodes of a facet group or joint side, local numbers (collective)."""
@@ -58,6 +61,32 @@ def nearest_nodes(
     distance = np.linalg.norm(x[candidates] - target, axis=1)
     smallest = min(jointed.mesh.comm.allgather(float(distance.min(initial=np.inf))))
     return smallest, candidates[distance <= smallest + SAME_PLACE * extent(V)]
+
+
+def node_at(
+    jointed: JointedMesh,
+    V: FunctionSpace,
+    label: str,
+    point: Sequence[float],
+    group: str | None = None,
+    *,
+    remedy: str,
+) -> Ints:
+    """Return the node at a point, shape (1,), or (0,) if not owned (collective).
+
+    Raises:
+        MeshError: ``label`` has no node at the point, or several, for which ``remedy`` is given.
+    """
+    distance, nodes = nearest_nodes(jointed, V, point, group)
+    own_nodes = [x.tolist() for x in V.tabulate_dof_coordinates()[nodes]]
+    all_nodes = [x for part in jointed.mesh.comm.allgather(own_nodes) for x in part]
+    if not distance <= NO_NODE * extent(V):
+        near = as_text(all_nodes[0], V) if all_nodes else "none"
+        raise MeshError(f"{label} has no node there; the nearest is {near}, at {distance:.3g} m.")
+    if len(all_nodes) > 1:
+        count = len(all_nodes)
+        raise MeshError(f"{label} has {count} nodes there, on both sides of a joint; {remedy}.")
+    return nodes
 
 
 def extent(V: FunctionSpace) -> float:

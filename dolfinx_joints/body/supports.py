@@ -16,11 +16,10 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
-from dolfinx_joints.body.places import as_text, extent, nearest_nodes, nodes_of_facets
+from dolfinx_joints.body.places import as_text, node_at, nodes_of_facets
 from dolfinx_joints.body.quadrature import matrix_measure
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_each, number_at, shown
 from dolfinx_joints.mesh.cells import Floats, Ints
@@ -29,8 +28,6 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 Point = Annotated[Sequence[float], at.MinLen(2), at.MaxLen(3), at.Unit("m")]
 _BY_POSITION = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
 
-# Largest distance between the point of a support and its node, relative to the mesh extent.
-NO_NODE = 1e-6
 
 # Smaller differences of prescribed values, relative to the largest value, are rounding error.
 SAME_VALUE = 1e-9
@@ -242,7 +239,10 @@ class Constraints:
             if isinstance(support, ViscousBoundary) or support.point is None:
                 nodes = nodes_of_facets(jointed, V, str(support.group))
             else:
-                nodes = self.points[place_of(support)] = _node_of_point(jointed, V, support)
+                label, point = f"The support at {place_of(support)}", support.point
+                remedy = "also give a side, for example group='joint_1+'"
+                nodes = node_at(jointed, V, label, point, support.group, remedy=remedy)
+                self.points[place_of(support)] = nodes
             dofs = (bs * nodes[:, None] + components).ravel()
             if isinstance(support, ViscousBoundary):
                 held = support.in_statics == "held"
@@ -340,23 +340,3 @@ def _check_not_both(supports: Sequence[Support]) -> None:
         if isinstance(motion, Prescribed) and (place_of(motion), motion.component) in fixed_by_name:
             label = f"The displacement {motion.component} on {shown(place_of(motion))}"
             raise ValueError(f"{label} is both Fixed and Prescribed; give one of them.")
-
-
-def _node_of_point(jointed: JointedMesh, V: Any, support: Fixed | Prescribed) -> Ints:
-    """Return the node of a support at a point, shape (1,), or (0,) if not owned (collective)."""
-    assert support.point is not None
-    comm, where = jointed.mesh.comm, place_of(support)
-    distance, nodes = nearest_nodes(jointed, V, support.point, support.group)
-    own_nodes = [x.tolist() for x in V.tabulate_dof_coordinates()[nodes]]
-    all_nodes = [x for part in comm.allgather(own_nodes) for x in part]
-    if not distance <= NO_NODE * extent(V):
-        near = as_text(all_nodes[0], V) if all_nodes else "none"
-        raise MeshError(
-            f"The support at {where} has no node there; the nearest is {near}, at {distance:.3g} m."
-        )
-    if len(all_nodes) > 1:
-        raise MeshError(
-            f"The support at {where} has {len(all_nodes)} nodes there, on both sides of a joint; "
-            f"also give a side, for example group='{jointed.joint_names[0]}+'."
-        )
-    return nodes

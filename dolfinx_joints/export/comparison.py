@@ -121,6 +121,11 @@ def compare(
         notes = [f"{name} is {run.status}: {run.path}" for name, run in files if not run.complete]
         if first.relative != second.relative:
             notes.append("Motions are relative to the ground in one run, absolute in the other.")
+        if (layouts := sorted({first.layout, second.layout}))[1:]:
+            changed = "slips of continued runs and reactions have other meanings"
+            notes.append(
+                f"Layouts {layouts[0]} and {layouts[1]}: {changed} (docs/results_file.md)."
+            )
         one, other = _names(*runs), _names(*runs[::-1])
         failed = [run.status in ("failed", "stopped") for run in runs]
         rows = [*_measures(runs), *_series(runs, notes)]

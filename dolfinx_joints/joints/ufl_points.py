@@ -125,7 +125,7 @@ class UflPoints:
                 one or more of them in their order; the expression must not depend on others.
         """
         compiled, size = self._compiled[name]
-        columns = np.hstack(arguments)
+        columns = np.hstack([values for values in arguments if values.shape[1]])
         values = np.empty((len(columns), size))
         for first in range(0, len(columns), _BLOCK):
             block = columns[first : first + _BLOCK]

@@ -87,7 +87,8 @@ def _point(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
             elastic, change, load = load - r_0, r_1 - r_0, r_1
             lost += 0.5 * k_n * area_n * broken_energy(n_0, n_1, elastic, change, mean_n)
             lost += 0.5 * k_s * area_s * broken_energy(q_0, q_1, elastic, change, mean_s)
-        broken = 1.0 - mean_s.end
+        opening, opening_slope = mean_opening(before, end, whole)
+        half, broken = 0.5 if whole else 1.0, 1.0 - mean_s.end
         traction, tangent, new = answer.traction[i], answer.tangent[i], answer.history[i, first:]
         friction_growth = 0.0 * k_n
         if broken > 0.0:  # (9e)
@@ -98,11 +99,10 @@ def _point(friction: Callable[..., None], whole: bool) -> Callable[..., None]:
                 friction_growth = -mean_s.end_slope / broken
         else:
             put_zeros(i, answer)
-            overlap, tangent[0, 0] = mean_opening(-before, -end, whole)
-            traction[0], tangent[0, 0] = -k_n * overlap, k_n * tangent[0, 0]
+            # Contact has the rest of the slope: a gap of exactly zero counts as open, not as both.
+            traction[0] = -k_n * mean_opening(-before, -end, whole)[0]
+            tangent[0, 0] = k_n * (half - opening_slope)
             answer.status[i] = STICK
-        opening, opening_slope = mean_opening(before, end, whole)
-        half = 0.5 if whole else 1.0
         b_1 = k_s * (half * e_1 + (1.0 - half) * s_1)
         b_2 = k_s * (half * e_2 + (1.0 - half) * s_2)
         if grows:

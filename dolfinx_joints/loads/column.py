@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dolfinx_joints.body.damping import Ratio, Rayleigh
+from dolfinx_joints.common.constants import LARGE_LOSS
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import RecordError
-from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.common.errors import PlausibilityWarning, RecordError, warn
+from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.loads.wave_levels import cubic
 from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.mesh.cells import Floats
@@ -190,8 +191,9 @@ class RockColumn:
         """Return the motion of the base, the top of the half space, from that of the surface.
 
         x and y are S waves, z is a P wave. Frequencies above ``highest_frequency`` are removed, by
-        half a cosine from 80 % of it. Waves leave the base before they reach the surface and come
-        back later: the result is longer than the record, by equal times at both ends.
+        half a cosine from 80 % of it; a warning states the share if it matters. Waves leave the
+        base before they reach the surface and come back later: the result is longer than the
+        record, by equal times at both ends.
 
         Args:
             surface: Acceleration of the free surface [m/s^2]; taper it first.
@@ -218,7 +220,12 @@ class RockColumn:
         frequency = np.fft.rfftfreq(period, dt)
         kept = frequency <= highest_frequency
         spectrum = np.fft.rfft(padded, n=period, axis=0)
+        total = np.sum(np.abs(spectrum) ** 2)
         spectrum *= fall(frequency, 0.8 * highest_frequency, highest_frequency)[:, None]
+        if (removed := total - np.sum(np.abs(spectrum) ** 2)) > LARGE_LOSS * total:
+            share = f"{100.0 * removed / total:.3g} % of the integral of its squared acceleration"
+            text = f"highest_frequency={highest_frequency:g} removes {share}."
+            warn(f"The motion {shown(surface.name)}: {text}", PlausibilityWarning)
         for axis in range(3):
             transfer = self.transfer(frequency[kept], wave="P" if axis == 2 else "S", kind=kind)
             large = np.abs(transfer) > LARGEST_AMPLIFICATION
@@ -227,8 +234,9 @@ class RockColumn:
                 factor = f"{LARGEST_AMPLIFICATION:g} times as much as the surface"
                 raise RecordError(
                     f"From {limit:.3g} Hz the base would move more than {factor} along "
-                    f"{'xyz'[axis]}: use highest_frequency below {limit:.3g} Hz, or less damping."
+                    f"{'xyz'[axis]}: use highest_frequency below {limit:.3g} Hz, less damping or a "
+                    "stiffer half space."
                 )
             spectrum[kept, axis] *= transfer
         values = np.fft.irfft(spectrum, n=period, axis=0)[: len(padded)]
-        return replace(surface, acceleration=values, name=f"{surface.name}, {kind} of the base")
+        return replace(surface, acceleration=values, name=f"{surface.name}, base ({kind})")

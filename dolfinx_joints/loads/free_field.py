@@ -16,6 +16,8 @@ from petsc4py import PETSc
 from dolfinx_joints.body.supports import components_of
 from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import PlausibilityWarning, warn
+from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.loads.column import Column
 from dolfinx_joints.loads.ground_motion import IncidentWave, in_axes
 from dolfinx_joints.loads.load import LoadedBody, TimeFactor, always
@@ -33,6 +35,9 @@ from dolfinx_joints.motions.motion import Motion
 # Samples per period of the highest frequency, for waves reflected at layer interfaces.
 SAMPLES = 80.0
 
+# Largest final velocity of an outcrop without a warning, relative to its largest velocity.
+DRIFT = 0.1
+
 
 def incident_wave(outcrop: Motion) -> IncidentWave:
     """Return the rising wave of a record on rock outcrop: half of the outcrop's velocity.
@@ -45,9 +50,16 @@ def incident_wave(outcrop: Motion) -> IncidentWave:
     Returns:
         Function of the time [s] that returns the velocity of the rising wave, (3,), [m/s]. The
         velocity is zero before the record and keeps its last value afterwards: the record must be
-        baseline-corrected to end with zero velocity. As for any ground motion, `dynamics` removes
-        the frequencies that its steps do not resolve.
+        baseline-corrected to end with zero velocity (a warning above DRIFT). As for any ground
+        motion, `dynamics` removes the frequencies that its steps do not resolve.
     """
+    check_kind_of("outcrop", outcrop, isinstance(outcrop, Motion), "a Motion")
+    velocity, _ = outcrop.integrated()
+    last, peak = np.abs(velocity[-1]).max(), np.abs(velocity).max()
+    if last > DRIFT * peak:
+        text = f"ends with a velocity of {last:.3g} m/s ({100.0 * last / peak:.3g} % of its peak)"
+        advice = "so the model moves away. Correct its baseline"
+        warn(f"The motion {shown(outcrop.name)} {text}, {advice}.", PlausibilityWarning)
     return IncidentWave(outcrop)
 
 
@@ -83,6 +95,8 @@ class FreeField:
 
     def __post_init__(self) -> None:
         check_groups("FreeField", self.groups)
+        good = not isinstance(self.incident, Motion)  # an acceleration
+        check_kind_of("incident", self.incident, good, "a velocity; use incident_wave(motion)")
         if self.components is not None:
             components_of(self.components, 3)
 

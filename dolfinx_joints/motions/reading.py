@@ -37,6 +37,9 @@ Seism. Soc. Am. 102, 2012, 204); the strongest record has 4 g (Aoi et al., Scien
 LONGEST_STEP = 0.1
 """Longest plausible time between samples [s]; accelerographs record 50 to 200 samples a second."""
 
+LEAST_COMMON = 0.9
+"""Least common duration of components, relative to the longest; files of a record differ little."""
+
 _HEAD = 20_000  # bytes, enough for the header of any format
 _ANGLE = 1e-6  # tolerance of the right angle between horizontal components [degrees]
 _ALIGNMENT = 0.25  # allowed offset of sample times of components, in steps; headers round to 1 ms
@@ -194,6 +197,8 @@ def sorted_in(folder: Source) -> list[Source]:
     """Return the content of a folder, sorted by name."""
     try:
         return sorted(folder.iterdir(), key=lambda path: path.name)
+    except NotADirectoryError:
+        raise RecordError(f"{folder} is neither a folder nor a complete zip archive.") from None
     except OSError as error:
         text = f"The file or directory {folder} cannot be read: {error.strerror}."
         raise RecordError(text) from None
@@ -252,7 +257,7 @@ def _set_directions(parts: list[Component], directions: Sequence[str | float]) -
 
 
 def remarks_on(motion: Motion, parts: list[Component]) -> list[str]:
-    """Return what is unusual about a record: peak, time step, or no vertical component."""
+    """Return what is unusual about a record: peak, time step, lost time, no vertical component."""
     peak, remarks = float(motion.peak.max()) / STANDARD_GRAVITY, []
     if not WEAK_G <= peak <= STRONG_G:
         units = ", ".join(dict.fromkeys(part.unit for part in parts))
@@ -260,6 +265,10 @@ def remarks_on(motion: Motion, parts: list[Component]) -> list[str]:
         remarks.append(f"its peak is {peak:.3g} g, read in {units}, {expected}")
     if motion.dt > LONGEST_STEP:
         remarks.append(f"its time step is {motion.dt:g} s, more than {LONGEST_STEP} s")
+    longest = max((len(part.acceleration) - 1) * part.dt for part in parts)
+    if motion.duration < LEAST_COMMON * longest:
+        common = f"{motion.duration:g} s of up to {longest:g} s"
+        remarks.append(f"its components have only {common} in common; the rest is cut off")
     if len(parts) == 2:
         remarks.append("it has no vertical component; z is zero")
     return remarks
@@ -287,7 +296,8 @@ def _assemble_motion(parts: list[Component], title: str) -> tuple[Motion, float 
     if len(parts) - len(vertical) != 2 or len(vertical) > 1 or len(pairs) != 1:
         raise RecordError(
             "A record must have two horizontal components at right angles, but "
-            f"{shown(title)} has {contents}; give directions= if the files do not state them."
+            f"{shown(title)} has {contents}; give read_record directions= if the files do not "
+            "state them."
         )
     ((x, y, azimuth),) = pairs
     columns = _common_interval((x, y, *vertical), title)

@@ -6,7 +6,7 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import compress, groupby
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,15 @@ from dolfinx_joints.motions.reading import (
     remarks_on,
     sorted_in,
 )
-from dolfinx_joints.motions.record_text import Component, RecordText, Source, record_named
+from dolfinx_joints.motions.record_text import (
+    UNREADABLE,
+    Component,
+    RecordText,
+    Source,
+    record_named,
+)
 
+NESTED = 3  # levels of archives in archives; some archives contain themselves
 FACTS = "format", "components", "dt [s]", "duration [s]", "peaks [g]"
 
 
@@ -73,7 +80,8 @@ def read_motions(source: str | Path, *, stream_azimuth_deg: float | None = None)
                 motions[name] = motion_of(parts, name, stream_azimuth_deg)
                 row["remark"] = "; ".join(remarks_on(motions[name], parts))
             except RecordError as error:
-                row = {"remark": f"not read: {str(error).removeprefix(folder).strip('/.')}"}
+                text = str(error).removeprefix(folder).removeprefix("/").removesuffix(".")
+                row = {"remark": f"not read: {text}"}
             for path in paths:
                 rows[str(path)] = rows.get(str(path), {}) | row
     names = ("file", "motion", *FACTS, "remark")
@@ -90,17 +98,26 @@ def read_motions(source: str | Path, *, stream_azimuth_deg: float | None = None)
 
 def _files_below(place: Source) -> Iterator[Source]:
     """Yield the files of a folder or archive, then those of folders and archives in it."""
-    content = [(path, _opened(path)) for path in sorted_in(_opened(place))]
-    yield from (path for path, opened in content if not opened.is_dir())
-    for _, opened in content:
-        if opened.is_dir():
-            yield from _files_below(opened)
+    content = [path for path in sorted_in(_opened(place)) if not _is_above(path)]
+    folders = [_opened(path).is_dir() for path in content]  # without leaving archives open
+    yield from (path for path, is_folder in zip(content, folders, strict=True) if not is_folder)
+    for path in compress(content, folders):
+        yield from _files_below(path)
+
+
+def _is_above(path: Source) -> bool:
+    """Return True for a link to a folder above it, whose files would be found again."""
+    return isinstance(path, Path) and path.parent.resolve().is_relative_to(path.resolve())
 
 
 def _opened(path: Source) -> Source:
-    """Return the content of a zip archive; other files and folders unchanged."""
-    with suppress(OSError, zipfile.BadZipFile):  # refused later like any other unknown file
-        if path.is_file() and path.name.lower().endswith(".zip"):
+    """Return the content of a zip archive; other files and folders unchanged.
+
+    Archives within NESTED others are not opened.
+    """
+    with suppress(*UNREADABLE):  # refused later like any other unknown file
+        nested = str(path.parent).lower().count(".zip")
+        if nested < NESTED and path.is_file() and path.name.lower().endswith(".zip"):
             archive = zipfile.ZipFile(path if isinstance(path, Path) else path.open("rb"))
             archive.filename = str(path)  # for the names of its files
             return zipfile.Path(archive)

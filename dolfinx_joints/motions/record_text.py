@@ -5,6 +5,7 @@
 Every message names the file, the line, its content and the expected content.
 """
 
+import lzma
 import math
 import re
 import zipfile
@@ -37,6 +38,9 @@ Direction = float | Literal["up", "down", "x", "y"]
 
 Source = Path | zipfile.Path
 """A file or folder, on disk or in a zip archive."""
+
+# Errors of files that are missing, damaged or encrypted.
+UNREADABLE = OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error, lzma.LZMAError
 
 _OTHER_QUANTITY = re.compile(
     r"^\W*(?:\w+\s*[:=]\s*)?(?:ground\s+)?(?:velocity|displacement)\s*(?:$|[\[(,;])"
@@ -111,7 +115,7 @@ class RecordText:
         try:
             with self.path.open("rb") as file:
                 data = file.read(head)
-        except (OSError, zipfile.BadZipFile, zlib.error, RuntimeError) as error:  # or encrypted
+        except UNREADABLE as error:
             reason = getattr(error, "strerror", None) or error
             raise RecordError(f"{self.path} cannot be read: {reason}.") from error
         if not data.strip():

@@ -50,7 +50,11 @@ _CSMIP_BLOCK = re.compile(
     r"\s+(?P<unit>[\w/]+)(?:.*\((?P<per_line>[1-9]\d?)F(?P<width>[1-9]\d?)\.)?",
     re.I,
 )
-_CHANNEL = re.compile(r"\s*(?:chan\s*\d+:|component)\s*(\w+)", re.I)
+_CHANNEL = re.compile(
+    r"\s*(?:chan\s*\d+:|component)\s*"
+    r"([NS]\s*\d+(?:\.\d+)?\s*[EW]\b|\d+\.\d+|\w+\b(?!\s*\.?\d))",  # also N 28 W, but not E 10 N
+    re.I,
+)
 _GEONET_TITLE = re.compile(r"(un)?corrected accelerogram\s+(\S+).*\bGNS Science", re.I)
 _UNIT_CODES = {"2": "g", "4": "cm/s^2", "10": "gal", "11": "mg"}
 
@@ -175,7 +179,7 @@ def _coded_direction(code: str) -> Direction | None:
 
 def _direction_in(text: RecordText, number: int) -> Direction | None:
     channel = _CHANNEL.match(text.lines[number - 1])
-    return None if channel is None else direction_named(channel[1])
+    return None if channel is None else direction_named("".join(channel[1].split()))
 
 
 def _csmip_record(text: RecordText) -> str:
@@ -191,6 +195,8 @@ def _csmip_channels(text: RecordText) -> Iterator[Component]:
     while number <= len(text.lines):
         title = _CSMIP_TITLE.match(text.lines[number - 1])
         if title is None:
+            if _CSMIP_BLOCK.match(text.lines[number - 1]):
+                text.fail(number, "accelerations of a channel without 'Corrected accelerogram'.")
             number += 1  # a line of velocities or displacements, or the end of a channel
             continue
         _, channel_line, block_line = _CSMIP_LINES[bool(title[1])]

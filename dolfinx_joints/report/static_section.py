@@ -138,6 +138,12 @@ def _tables(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
     if static_stages[0].displacement:
         head = ["point", *(f"{component} [mm]" for component in run.components)]
         pieces.append(table(f"Static displacements ({run.label})", head, moved))
+    if run.has("statics", "load_factor"):
+        series = [run.results.series("statics", key) for key in ("load_factor", "controlled")]
+        factors = zip(run.results.stage_names, *series, strict=True)
+        if controlled := [[name, f, 1e3 * v] for name, f, v in factors if np.isfinite(f)]:
+            head = ["stage", "load factor", "gap or displacement [mm]"]
+            pieces.append(table(f"Controlled static stages ({run.label})", head, controlled))
     if static_stages[0].joints:
         head = ["joint", *(row.heading for row in TABLE["stage_joints"])]
         pieces.append(table(f"Joints in the static stages ({run.label})", head, joints))

@@ -72,9 +72,11 @@ def chosen_state(
         time: Time [s]; the nearest record is chosen.
         index: Record number if no time is given, negative from the end. In a file with static
             stages only, it is the number of the stage.
-        stage: Name or number of a static stage, which replaces time and index.
+        stage: Name or number of a static stage, which replaces the index.
     """
     check_results(results)
+    if stage is not None and time is not None:
+        raise ValueError(f"Give a time or a stage, not both; got time={time}, stage={stage!r}.")
     if stage is None and time is None and "states" not in results.streams and results.stage_names:
         stage = index
     if stage is not None:

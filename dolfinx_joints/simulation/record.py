@@ -102,15 +102,23 @@ class Record:
 
 
 def stage_record(
-    model: Model, name: str, time: float, state: StaticState, acting: Sequence[Load]
+    model: Model,
+    name: str,
+    time: float,
+    state: StaticState,
+    acting: Sequence[Load],
+    water: Sequence[Load] | None = None,
 ) -> StageRecord:
-    """Return the record of a static stage under loads, with its water in joints (collective)."""
+    """Return the record of a static stage under loads, with its water in joints (collective).
+
+    The pressures in joints are those of the loads ``water``, by default of ``acting``.
+    """
     pressure = None
     if state.joints is not None and any(isinstance(load, JointLoad) for load in acting):
         from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures, water_in_joints
 
-        water = WaterPressures(model, water_in_joints(acting))
-        pressure = water(time, water.by_opening(state.joints.state.gap))
+        pressures = WaterPressures(model, water_in_joints(acting if water is None else water))
+        pressure = pressures(time, pressures.by_opening(state.joints.state.gap))
     indices = tuple(i for i, m in enumerate(model.loads) if any(m is load for load in acting))
     state = replace(state, loads={})  # One vector per load and stage would need too much memory.
     return StageRecord(name=name, time=time, state=state, loads=indices, pressure=pressure)

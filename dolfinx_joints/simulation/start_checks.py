@@ -26,18 +26,23 @@ SAME_LOAD = 1e-9
 IN_BALANCE = 1e-6
 
 
-def check_complete(static: StaticState | None) -> None:
-    """Check that all joints, blocks and loads of the model act in the static state.
-
-    Raises:
-        JointsError: A joint is inactive, a block is absent or a load is missing.
-    """
+def check_built(static: StaticState | None) -> None:
+    """Raise JointsError if a joint is inactive or a block is absent in the static state."""
     check_grouted(static)
     if static is not None and static.absent:
         raise JointsError(
             f"{', '.join(static.absent)} is absent in the static state, and its weight would act "
             "suddenly; run statics() with all blocks first."
         )
+
+
+def check_complete(static: StaticState | None) -> None:
+    """Check that all joints, blocks and loads of the model act in the static state.
+
+    Raises:
+        JointsError: A joint is inactive, a block is absent or a load is missing.
+    """
+    check_built(static)
     if static is not None and static.missing:
         raise JointsError(
             f"The static state does not include {', '.join(static.missing)} as it acts in the "

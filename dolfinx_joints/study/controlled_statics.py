@@ -12,21 +12,22 @@ import annotated_types as at
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_joints.body.places import extent, nearest_nodes, nodes_of_group
+from dolfinx_joints.body.places import SAME_PLACE, extent, node_at, nodes_of_group
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JumpError, MeshError
 from dolfinx_joints.common.mpi import free_petsc_garbage, summed
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import Floats, Response
-from dolfinx_joints.loads.load import FollowsJoints, Load, load_names
+from dolfinx_joints.loads.load import FollowsJoints, JointLoad, Load, load_names
+from dolfinx_joints.loads.temperature.thermal_strain import Temperature
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import report_failures
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import stage_name, stage_record
 from dolfinx_joints.simulation.simulation import Simulation
+from dolfinx_joints.simulation.start_checks import check_built
 from dolfinx_joints.simulation.statics.jumps import Jumps
-from dolfinx_joints.simulation.statics.ledger import SolvedIncrement
 from dolfinx_joints.simulation.statics.load_increments import Increment, LoadIncrements
 from dolfinx_joints.simulation.statics.stage import Equilibrium, check_acting, solve_increments
 from dolfinx_joints.simulation.statics.stage_start import (
@@ -34,16 +35,11 @@ from dolfinx_joints.simulation.statics.stage_start import (
     start_of_stage,
     unloaded_state,
 )
-from dolfinx_joints.simulation.statics.unfinished import check_grouted, check_joints, points_of
+from dolfinx_joints.simulation.statics.unfinished import check_joints, points_of
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.step_solver import SolverOptions
 from dolfinx_joints.time_integration.products import Products
 from dolfinx_joints.time_integration.substeps import locate
-
-Point = Annotated[Sequence[float], at.MinLen(2), at.MaxLen(3), at.Unit("m")]
-
-# Largest distance of a controlled point from its node, divided by the extent of the mesh.
-NO_NODE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +55,7 @@ class ControlledGap:
 
     joint: str
     component: Literal["opening", "s1", "s2"] = "opening"
-    point: Point | None = None
+    point: Annotated[Sequence[float], at.Len(2, 3), at.Unit("m")] | None = None
 
     def at(self, model: Model, u: PETSc.Vec, gap: Floats) -> tuple[PETSc.Vec, float]:
         """Return the derivative c by the displacement, and the value at gaps (n, 3) [m]."""
@@ -72,10 +68,11 @@ class ControlledGap:
             distance = np.where(chosen, np.linalg.norm(operator.points - place, axis=1), np.inf)
             nearest = min(operator.comm.allgather(float(distance.min(initial=np.inf))))
             assert operator.sizes is not None
-            if nearest > max(operator.comm.allgather(float(operator.sizes.max(initial=0.0)))):
+            size = float(operator.sizes[chosen].max(initial=0.0))
+            if nearest > max(operator.comm.allgather(size)):
                 where = f"{nearest:.3g} m from the joint {self.joint!r}"
-                raise MeshError(f"The point {shown(tuple(place))} is {where}; give a point on it.")
-            chosen = distance <= nearest + NO_NODE * extent(model.V)
+                raise MeshError(f"The point {shown(self.point)} is {where}; give a point on it.")
+            chosen = distance <= nearest + SAME_PLACE * extent(model.V)
         density = np.zeros_like(gap)
         density[chosen, axis] = 1.0 / summed(operator.comm, operator.areas @ chosen)
         value = summed(operator.comm, operator.areas @ (density * gap).sum(axis=1))
@@ -112,10 +109,8 @@ class ControlledDisplacement:
                 nodes = nodes_of_group(model.jointed, model.V, place)
             else:
                 point = [float(x) for x in check_vector("A place", place, (model.gdim,))]
-                distance, nodes = nearest_nodes(model.jointed, model.V, point)
-                if distance > NO_NODE * extent(model.V):
-                    where = f"The nearest node is {distance:.3g} m away from {shown(point)}"
-                    raise MeshError(f"{where}; give the coordinates of a node.")
+                label, remedy = f"The place {shown(tuple(point))}", "give another node or a group"
+                nodes = node_at(model.jointed, model.V, label, point, remedy=remedy)
             count = sum(model.jointed.mesh.comm.allgather(len(nodes)))
             share = sign / (count * np.linalg.norm(vector))
             derivative.getArray().reshape(-1, model.gdim)[nodes] += share * vector
@@ -127,20 +122,21 @@ def controlled_statics(
     simulation: Simulation,
     values: Annotated[Sequence[float], at.MinLen(1), at.Unit("m")],
     *,
-    loads: Sequence[Load],
+    loads: Annotated[Sequence[Load], at.MinLen(1)],
     quantity: ControlledGap | ControlledDisplacement,
     name: str | None = None,
 ) -> StaticState:
     """Follow the equilibrium through values of a gap or displacement (collective).
 
-    The loads, at time zero, are multiplied by an unknown factor, which falls while bonds soften.
-    Other loads of the last static stage and the positions of the supports stay constant. Each value
-    is a separate stage, "NAME, 1" and so on, whose state has the ``load_factor``.
+    The loads, at the time of the last static stage or at zero, are multiplied by an unknown factor,
+    which falls while bonds soften. Other loads of the last static stage and the positions of the
+    supports stay constant. Each value is a separate stage, "NAME, 1" and so on, whose state has the
+    ``load_factor``.
 
     Args:
         simulation: Simulation of a model with joints; its last static stage is the start.
         values: Values of the quantity at the ends of the steps [m].
-        loads: Loads of the model with the unknown factor.
+        loads: Loads of the model with the unknown factor, except water in joints and temperatures.
         quantity: The controlled quantity.
         name: Name in results, "controlled statics 1" and so on by default.
 
@@ -169,30 +165,36 @@ def controlled_statics(
     """
     model, monitors, stages = simulation.model, simulation.monitors, simulation.stages
     check_acting(model, loads)
-    check_kind_of("loads", loads, len(loads) > 0, "at least one load of the model")
+    for load in loads:
+        # Results evaluate pressures in joints and thermal stresses without the load factor.
+        scales = not isinstance(load, JointLoad | Temperature)
+        check_kind_of(
+            "A controlled load", load, scales, "a load other than Temperature and water in joints"
+        )
     kinds = ControlledGap | ControlledDisplacement
     check_kind_of("quantity", quantity, isinstance(quantity, kinds), "a controlled quantity")
-    check_grouted(simulation.static)
+    check_built(simulation.static)
     before = simulation.static or unloaded_state(model)
     named = dict(zip(load_names(model.loads), model.loads, strict=True))
-    acting = [m for n, m in named.items() if n in before.loads or any(m is load for load in loads)]
-    missing = tuple(n for n, load in named.items() if not any(load is m for m in acting))
+    names = [n for n, m in named.items() if n in before.loads or any(m is x for x in loads)]
+    acting, missing = [named[n] for n in names], tuple(n for n in named if n not in names)
     for load in acting:
         constant = not isinstance(load, FollowsJoints)
         check_kind_of("A load", load, constant, "independent of the joints in controlled statics")
     name = stage_name(name, "controlled statics", stages)
     stage_name(f"{name}, 1", "", stages)  # Raises an error if an earlier path has this name.
+    time = stages[-1].time if stages else 0.0
     with simulation.phase("static"), report_failures(name, model, monitors, stages):
-        path = ControlledPath(simulation, before, loads, quantity)
+        path = ControlledPath(simulation, before, loads, quantity, time)
         for step, state in enumerate(path.follow(values), start=1):
             simulation.static = state = replace(state, missing=missing)
-            simulation.add_stage(stage_record(model, f"{name}, {step}", 0.0, state, acting))
+            simulation.add_stage(stage_record(model, f"{name}, {step}", time, state, acting))
     free_petsc_garbage(model.jointed.mesh.comm)  # Matrices of the stage's solver.
     return state
 
 
 class ControlledPath(Equilibrium):
-    """Equilibria at values of a controlled quantity; the arguments are as above."""
+    """Equilibria at values of a controlled quantity, with the loads at a time [s]."""
 
     def __init__(
         self,
@@ -200,16 +202,17 @@ class ControlledPath(Equilibrium):
         before: StaticState,
         loads: Sequence[Load],
         quantity: ControlledGap | ControlledDisplacement,
+        time: float,
     ) -> None:
         """Prepare the system and its solver (collective)."""
-        self._model, self._quantity = simulation.model, quantity
+        self._model = simulation.model
         system = self._model.system(only=loads, static=True)
         start = start_of_stage(system, before)
         carried = carried_loads(system, before, start)
-        self._controlled = system.loads_by_name(0.0, 1.0)
+        self._controlled = system.loads_by_name(time, 1.0)
         self._constant_loads = {n: v for n, v in carried.items() if n not in self._controlled}
         gap = np.zeros((0, 3)) if start is None else start.state.gap
-        self._direction, self._value = quantity.at(self._model, before.displacement, gap)
+        self._direction, self._start_value = quantity.at(self._model, before.displacement, gap)
         self._load, self._factor, self.factor = system.vector(), 0.0, 0.0
         for force in self._controlled.values():
             self._load.axpy(1.0, force)
@@ -225,33 +228,27 @@ class ControlledPath(Equilibrium):
 
     def follow(self, values: Sequence[float]) -> Iterator[StaticState]:
         """Yield the equilibrium at each value of the quantity [m] (collective)."""
-        increments = LoadIncrements([(None, float(value)) for value in values], self._value)
-        jumps, watch = (
-            Jumps(self.ledger, self._model, False),
-            SmallDisplacements(self._model.contact),
-        )
+        increments = LoadIncrements([(None, float(value)) for value in values], self._start_value)
+        jumps = Jumps(self.ledger, self._model, False)
+        watch = SmallDisplacements(self._model.contact)
         try:
             for increment, _ in solve_increments(self, increments, jumps, "condensed", watch):
+                self.factor = self._factor
                 if increment.whole:
-                    facts = {"load_factor": self.factor, "controlled": self._value}
+                    facts = {"load_factor": self.factor, "controlled": increment.share}
                     yield self.state({"cuts": increments.cuts, **facts})
         except ConvergenceError as failure:
             if failure.law is None:
-                failure = locate(failure, reached=self.factor, remedy=self._remedy(failure))
+                failure = locate(failure, reached=self.factor, remedy=_remedy(failure))
             raise failure from None
         watch.warn("in a static stage")
         self.ledger.warn()
-
-    def accept(self, solved: SolvedIncrement, increment: Increment) -> None:
-        """Continue from the solution of an increment (collective)."""
-        super().accept(solved, increment)
-        self.factor, self._value = self._factor, increment.share
 
     def _set_up(self, increment: Increment) -> None:
         """Set b without the controlled loads, and x with the change of the quantity."""
         self._factor = 0.0
         super()._set_up(increment)
-        change = (increment.share - self._value) / (self._direction.norm() ** 2 or 1.0)
+        change = (increment.share - increment.start) / (self._direction.norm() ** 2 or 1.0)
         self._direction.copy(self._x)
         self._x.scale(change)
 
@@ -266,12 +263,15 @@ class ControlledPath(Equilibrium):
         """Return the loads by name at the end of an increment [N] (collective)."""
         return self._constant_loads | {n: self._factor * v for n, v in self._controlled.items()}
 
-    def _remedy(self, failure: ConvergenceError) -> str:
-        """Return the last value of the quantity, and a quantity to control instead."""
-        joints = failure.joints if isinstance(failure, JumpError) else ()
-        joint = f"the joint {joints[0]!r}" if joints else "the joint that breaks"
-        return (
-            f"At this equilibrium {self._quantity} is {self._value:.6g} m. Beyond it the path "
-            f"{'turns' if joints else 'may turn'} back (snap-back). Control a quantity that grows "
-            f"along the whole path, such as the opening of {joint}."
-        )
+
+def _remedy(failure: ConvergenceError) -> str:
+    """Return the value of the quantity at the start of the failed increment, and what to do."""
+    last = f"At the last equilibrium the controlled quantity is {failure.reached:.6g} m."
+    remedy = "control a quantity that grows along the whole path, such as the opening of"
+    if isinstance(failure, JumpError):
+        joint = f"the joint {failure.joints[0]!r}" if failure.joints else "a joint that breaks"
+        return f"{last} Beyond it the path turns back (snap-back): {remedy} {joint}."
+    return (
+        f"{last} If the path turns back beyond it (snap-back), {remedy} the joint that breaks. "
+        "If all bonds are broken, no force remains to be followed. The values must be in metres."
+    )

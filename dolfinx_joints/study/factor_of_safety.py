@@ -17,6 +17,8 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.common.summary import Rows, Summarised, names
 from dolfinx_joints.loads.load import FollowsJoints, Load, load_names
+from dolfinx_joints.loads.temperature.thermal_strain import Temperature
+from dolfinx_joints.loads.water.joint_water import Uplift
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.resultants import JointForces
 from dolfinx_joints.postprocessing.joints.resultants import JointResultants
@@ -106,7 +108,8 @@ def factor_of_safety(
         time: Time at which the loads are evaluated [s]; by default that of a dynamic ``start`` or,
             without ``start``, of the simulation's last stage; else zero.
         tolerance: Relative width of the interval of F.
-        monitors: Observers of the two stages, with separate files.
+        monitors: Observers of the two stages, with separate files; none if a `Temperature` is
+            multiplied.
 
     Raises:
         JointsError: There is no static state, or no equilibrium at any factor from 1/64 to 1.
@@ -124,7 +127,7 @@ def factor_of_safety(
     check_kind_of(unused, value, value is None, f"None with the method {method!r}")
     check_acting(model, acting)
     check_kind_of("loads", acting, len(acting) > 0, "at least one load of the model")
-    of = chosen if divides else _loads_of(model, multiplied, acting)
+    of = chosen if divides else _loads_of(model, multiplied, acting, recorded=bool(monitors))
     before = simulation.static if start is None else start
     if before is None:
         raise JointsError("factor_of_safety() needs a static state: run statics() first.")
@@ -140,14 +143,17 @@ def factor_of_safety(
     applied = {"joints": of if divides else (), "multiplied": () if divides else of}
     trials = FailureTrials(model, before, acting, options, simulation.solver, time=time, **applied)
     lower, upper = _bracket(trials, tolerance)
-    named = zip(load_names(model.loads), model.loads, strict=True)
-    missing = tuple(n for n, load in named if not any(load is one for one in acting))
+    named = dict(zip(load_names(model.loads), model.loads, strict=True))
+    missing = tuple(n for n, load in named.items() if not any(load is one for one in acting))
+    times = {name: lower if name in applied["multiplied"] else 1.0 for name in named}
+    water = [_scaled(load, times[n]) for n, load in named.items() if n not in missing]
     state = trials.state({"missing": missing})
     acceleration = trials.acceleration(upper) if upper < math.inf else None
-    recorded.add_stage(stage := stage_record(model, "factor of safety", time, state, acting))
+    stage = stage_record(model, "factor of safety", time, state, acting, water)
+    recorded.add_stage(stage)
     if acceleration is not None:
         moved = replace(state, displacement=state.displacement + 0.5 * acceleration)  # after 1 s
-        recorded.add_stage(stage_record(model, "mechanism", time, moved, acting))
+        recorded.add_stage(stage_record(model, "mechanism", time, moved, acting, water))
     assert state.joints is not None
     return FactorOfSafety(
         factor=lower,
@@ -185,7 +191,7 @@ def _bracket(trials: FailureTrials, tolerance: float) -> tuple[float, float]:
 
 
 def _loads_of(
-    model: Model, multiplied: Sequence[Load] | None, acting: Sequence[Load]
+    model: Model, multiplied: Sequence[Load] | None, acting: Sequence[Load], *, recorded: bool
 ) -> tuple[str, ...]:
     """Return the names of the loads that are multiplied."""
     chosen = acting if multiplied is None else multiplied
@@ -196,5 +202,17 @@ def _loads_of(
                 f"The load {type(load).__name__} cannot be multiplied; it must act, and it must "
                 "not be water that follows the openings of joints."
             )
+        if recorded and isinstance(load, Temperature):
+            raise ValueError(
+                "Monitors record thermal stresses without the factor; pass multiplied= without "
+                "Temperature, or no monitors."
+            )
     named = zip(load_names(model.loads), model.loads, strict=True)
     return tuple(name for name, load in named if any(load is one for one in chosen))
+
+
+def _scaled(load: Load, factor: float) -> Load:
+    """Return a load, with the pressure multiplied by a factor if it is an `Uplift`."""
+    if not isinstance(load, Uplift):
+        return load
+    return replace(load, factor=lambda time: factor * load.factor(time))

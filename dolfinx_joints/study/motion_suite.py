@@ -26,7 +26,7 @@ from dolfinx_joints.common.hdf5 import check_superblock
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_kind_of, check_named
 from dolfinx_joints.common.summary import Rows, Summarised, names
-from dolfinx_joints.loads.ground_motion import MOVING
+from dolfinx_joints.loads.ground_motion import MOVING, IncidentWave
 from dolfinx_joints.loads.oblique_field import rising_waves
 from dolfinx_joints.monitors.results_monitor import ResultsMonitor
 from dolfinx_joints.motions.motion import Motion
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from dolfinx_joints.simulation.outcome import Outcome
 
 State = Literal["there", "begun", "new"]
+Waves = Mapping[str, Sequence[Any] | None]  # loads of the free field by name of the run
 
 # Errors that end the run of one motion only; the other runs continue.
 OF_ONE = (ConvergenceError, JointsError, OtherRunError)
@@ -119,21 +120,22 @@ class MotionSuite(Summarised):
                 and restart incomplete runs whose model, points or ``options`` have changed
                 (otherwise they fail).
             free_field: Function that returns a list with the `FreeField` or `ObliqueFreeField` of a
-                motion, which then moves the model in place of the motion itself.
+                motion, which then moves the model in place of the motion itself. A run lasts as
+                long as the motion and the outcrops of `incident_wave` in the list.
             options: ``scheme``, ``control`` and ``loads`` of `Simulation.dynamics`.
 
         Returns:
             Completed runs, failed runs with reasons, and runs skipped as already complete.
 
         Raises:
-            StudyError: The motion or the time step of a run has changed.
+            StudyError: The motion, the time step or the outcrop of a run has changed.
             ResultsError: A results file cannot be written; the other runs have been completed.
         """
         waves = {n: free_field(m) if free_field else None for n, m in self.motions.items()}
         for name, loads in waves.items() if free_field else ():
             good = isinstance(loads, Sequence) and bool(rising_waves(loads))
             check_kind_of(f"free_field of {name!r}", loads, good, "a list with a FreeField")
-        states = on_root(self._comm, lambda: self._states(dt, rerun_changed))
+        states = on_root(self._comm, lambda: self._states(dt, waves, rerun_changed))
         waiting = [name for name, state in states.items() if state != "there"]
         shared = SharedBulk()
         try:
@@ -203,7 +205,7 @@ class MotionSuite(Summarised):
             row["imbalance [-]"] = math.nan if imbalance is None else imbalance
         return row
 
-    def _states(self, dt: float, rerun_changed: bool) -> dict[str, State]:
+    def _states(self, dt: float, waves: Waves, rerun_changed: bool) -> dict[str, State]:
         """Return the state of each run: complete, begun or new."""
         self.path.mkdir(parents=True, exist_ok=True)
         states: dict[str, State] = {}
@@ -214,11 +216,12 @@ class MotionSuite(Summarised):
             if stored is None:
                 continue
             complete, digest = stored
-            if digest != _digest(motion, dt):
+            if digest != _digest(motion, dt, waves[name]):
                 if not rerun_changed:
                     raise StudyError(
-                        f"{path} was computed with another motion, time step or version for "
-                        f"{name!r}; pass rerun_changed=True to run it again, or use another folder."
+                        f"{path} was computed with another motion, free field, time step or "
+                        f"version for {name!r}; pass rerun_changed=True to run it again, or use "
+                        "another folder."
                     )
             elif complete:
                 states[name] = "there"
@@ -259,7 +262,8 @@ class MotionSuite(Summarised):
         given, motion = self._simulation, self.motions[name]
         loads = [*options.get("loads", ()), *(waves or ())]
         # Do not add a step if the duration exceeds the last step only by rounding.
-        steps = max(math.ceil(motion.duration / dt * (1.0 - 1e-12)), 1)
+        duration = max(moving.duration for moving in (motion, *_outcrops(waves)))
+        steps = max(math.ceil(duration / dt * (1.0 - 1e-12)), 1)
 
         def run(*, resume: bool) -> Outcome:
             monitor = ResultsMonitor(
@@ -267,7 +271,7 @@ class MotionSuite(Summarised):
                 points=self._points,
                 every=self._every,
                 overwrite=True,
-                metadata={DIGEST: _digest(motion, dt)},
+                metadata={DIGEST: _digest(motion, dt, waves)},
             )
             one = Simulation(
                 given.model, monitors=[monitor], options=given.options, solver=given.solver
@@ -293,8 +297,16 @@ class MotionSuite(Summarised):
         return begun if state == "begun" else partial(run, resume=False)
 
 
-def _digest(motion: Motion, dt: float) -> str:
-    """Return a hash of the motion and the time step."""
-    return hashlib.sha256(
-        motion.acceleration.tobytes() + repr((motion.dt, dt)).encode()
-    ).hexdigest()
+def _outcrops(waves: Sequence[Any] | None) -> list[Motion]:
+    """Return the motions of the rising waves that `incident_wave` made."""
+    incidents = [wave.incident for wave in rising_waves(waves or ())]
+    return [incident.outcrop for incident in incidents if isinstance(incident, IncidentWave)]
+
+
+def _digest(motion: Motion, dt: float, waves: Sequence[Any] | None) -> str:
+    """Return a hash of the motion, the time step, and the free field with its outcrops."""
+    digest = hashlib.sha256()
+    for moving in (motion, *_outcrops(waves)):
+        digest.update(moving.acceleration.tobytes() + repr((moving.dt, dt)).encode())
+    digest.update("".join(type(wave).__name__ for wave in waves or ()).encode())
+    return digest.hexdigest()

@@ -406,9 +406,8 @@ def test_bad_expressions_are_one_clear_error():
             ValueError, match=f"^PotentialJoint: {re.escape(message)}.*; it must be"
         ):
             PotentialJoint(energy, **COHESIVE)
-    with pytest.raises(
-        ValueError, match=r"^TractionJoint: traction has shape \(\); it must be a UFL vector"
-    ):
+    wanted = r"^TractionJoint: traction has shape \(\); it must be a UFL expression of shape \(3,\)"
+    with pytest.raises(ValueError, match=wanted):
         TractionJoint(lambda g: g[0], **COHESIVE)
     with pytest.raises(ValueError, match="^TractionJoint: the update of k fails"):
         TractionJoint(lambda g, k: k * g, internal={"k": (0.0, lambda g: g[0])}, **COHESIVE)

@@ -144,3 +144,15 @@ def test_motions_with_too_little(block):
     for wrong in (lambda t: 1.0, lambda t: [1.0], lambda t: "xy"):
         with pytest.raises(ValueError, match="motion.*; it must be .*at least 2 .*numbers"):
             dj.Simulation(model).dynamics(dt=0.01, steps=1, motion=wrong)
+
+
+def test_an_outcrop_that_ends_in_motion_has_a_warning():
+    # A constant acceleration of 0.1 m/s^2 for 2 s ends at its largest velocity, 0.2 m/s.
+    offset = dj.Motion(acceleration=np.full((21, 3), 0.1), dt=0.1, name="raw")
+    message = r"'raw' ends with a velocity of 0.2 m/s \(100 % of its peak\).*Correct its baseline"
+    with pytest.warns(dj.PlausibilityWarning, match=message):
+        dj.incident_wave(offset)
+    with warnings.catch_warnings(action="error"):
+        dj.incident_wave(MOTION)
+    with pytest.raises(ValueError, match="outcrop is .* it must be a Motion"):
+        dj.incident_wave(lambda t: t)

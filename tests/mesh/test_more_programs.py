@@ -152,6 +152,35 @@ def test_statics_and_modes_are_those_of_the_msh_file(comm, mesh_file, new_path, 
     check_equal(results(jointed), results(expected))
 
 
+def write_square(path, kind, facets):
+    """Write a square of 2 m x 1 m, whose elements have 4 nodes, as an Exodus file."""
+    with h5py.File(path, "w") as file:
+        for axis, values in zip("xyz", ([0, 2, 2, 0], [0, 0, 1, 1], [0] * 4), strict=True):
+            file[f"coord{axis}"] = np.array(values, dtype=float)
+        file["connect1"], file["eb_prop1"] = np.array([[1, 2, 3, 4]]), np.array([1])
+        file["connect1"].attrs["elem_type"] = kind
+        for name, values in facets.items():
+            file[name] = values
+
+
+@pytest.mark.parametrize(("kind", "side"), [("QUAD4", 1), ("SHELL4", 3)])
+def test_edges_of_shells_in_a_side_set(comm, new_path, kind, side):
+    """Check the edge of 2 m at y = 0. Edges of shells have numbers from 3 (Exodus' manual)."""
+    path = new_path("plate.exo")
+    facets = {"elem_ss1": [1], "side_ss1": [side], "ss_prop1": [7]}
+    on_root(comm, lambda: write_square(path, kind, facets))
+    jointed = dj.read_mesh(path, comm, unit="m")
+    assert size(jointed, jointed.ds("sideset_7")) == pytest.approx(2.0, rel=1e-12)
+
+
+def test_named_sets_without_numbers(comm, new_path):
+    path = new_path("plate.exo")
+    letters = np.array([list("base")], dtype="S1")
+    on_root(comm, lambda: write_square(path, "QUAD4", {"node_ns1": [1, 2], "ns_names": letters}))
+    jointed = dj.read_mesh(path, comm, unit="m")
+    assert size(jointed, jointed.ds("base")) == pytest.approx(2.0, rel=1e-12)
+
+
 UNV = """\
     -1
   2411
@@ -207,6 +236,25 @@ def test_groups_of_a_universal_file_by_hand(comm, new_path):
     jointed = dj.read_mesh(path, comm, unit="cm")
     assert size(jointed, jointed.dx("dam")) == pytest.approx(0.5e-4, rel=1e-12)
     assert size(jointed, jointed.ds("base")) == pytest.approx(0.01, rel=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:Elements that are not read")
+@pytest.mark.parametrize(
+    ("kind", "radius", "global_axes"),
+    [(0, "1.0D+00", True), (1, "1.0D+00", False), (0, "-1", False)],
+)
+def test_coordinate_systems_of_a_universal_file(comm, new_path, kind, radius, global_axes):
+    """Dataset 2420 has cylindrical (1) or turned systems; nodes of the file are in system 1."""
+    rows = f" {radius} 0 0\n 0 1 0\n 0 0 1\n 0 0 0\n"
+    system = f"    -1\n  2420\n 1\nPart\n 1 {kind} 8\nCS1\n{rows}    -1\n"
+    text, path = UNV.format(element=MASS, name="dam", label=7), new_path("plate.unv")
+    on_root(comm, lambda: path.write_text(system + text))
+    if global_axes:
+        jointed = dj.read_mesh(path, comm, unit="m")
+        assert size(jointed, jointed.dx("dam")) == pytest.approx(0.5, rel=1e-12)
+        return
+    with pytest.raises(dj.MeshError, match="nodes are in the local coordinate system 1; write the"):
+        dj.read_mesh(path, comm, unit="m")
 
 
 @pytest.mark.parametrize("suffix", [".unv", ".exo", ".g", ".vtu"])

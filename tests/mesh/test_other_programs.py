@@ -193,6 +193,10 @@ U
 """
 
 
+CREST = "*Nset, nset=crest, instance=dam-1\n 101, 102\n"
+LAST = " 20, 11, 12, 13, 14, 101,\n 102, 103, 104\n"  # the upper brick
+
+
 @pytest.fixture
 def inp(comm, new_path):
     """``inp(text)``: an input file with this text (collective)."""
@@ -207,7 +211,7 @@ def inp(comm, new_path):
 
 def test_sets_and_surfaces_of_abaqus(comm, inp):
     with (
-        pytest.warns(UserWarning, match="not facets of the body and are not read: crest")
+        pytest.warns(UserWarning, match="of the body, which are not read: crest")
         if (comm.rank == 0)
         else warnings.catch_warnings()
     ):
@@ -220,6 +224,47 @@ def test_sets_and_surfaces_of_abaqus(comm, inp):
         assert size(jointed, jointed.dx(group)) == pytest.approx(volume * foot**3, rel=1e-12)
     for measure in (jointed.ds("base"), jointed.ds("top"), jointed.dS("Joint_1")):
         assert size(jointed, measure) == pytest.approx(6.0 * foot**2, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (LAST, "*Include, input=part.txt\n"),
+        ("\n elset=upper\n" + LAST, "\n elset=upper, input=part.txt\n"),
+        ("*Heading\n** by hand\n*Part, name=dam\n", "\ufeff"),
+        ("nset=base, generate\n", "nset=base,\n generate\n"),
+        ("elset=all\n lower, UPPER", 'elset="all"\n "lower", UPPER'),
+        ("elset=all\n", "elset=20\n 10\n*Elset, elset=z.10\n 20\n*Elset, elset=all\n"),
+        ("elset=all\n lower, UPPER", "elset=20\n 10\n*Elset, elset=all\n 10, 20"),
+        ("*Surface, type", "*Surface, name=s, internal\n 10, S1\n*Surface, type"),
+        (" _top_S2, S2\n", " s, SNEG\n*Element, type=S4, elset=s\n 9, 101, 102, 103, 104\n"),
+    ],
+    ids=["include", "input", "BOM", "two lines", "quotes", "digits", "label", "internal", "shell"],
+)  # fmt: skip
+def test_forms_of_an_abaqus_file(comm, inp, old, new):
+    """Check that the bricks are the same in other forms of the same file."""
+    text = BRICKS.replace(CREST, "")
+    if new == "\ufeff":
+        text = text.replace("*End Part\n", "").replace("*Instance, name=dam-1, part=dam\n", "")
+    assert old in text
+    path = inp(text.replace(old, new))
+    if "part.txt" in new:
+        on_root(comm, lambda: path.with_name("part.txt").write_text(LAST))
+    jointed = dj.read_mesh(path, comm, unit="m")
+    assert set(jointed.facet_groups) - {"s"} == {"base", "top"}
+    for group, volume in (("Lower", 6.0), ("upper", 12.0), ("all", 18.0), ("whole", 18.0)):
+        assert size(jointed, jointed.dx(group)) == pytest.approx(volume, rel=1e-12)
+    for measure in (jointed.ds("base"), jointed.ds("top"), jointed.dS("Joint_1")):
+        assert size(jointed, measure) == pytest.approx(6.0, rel=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:Elements that are not read")
+@pytest.mark.filterwarnings("ignore:The surface 'top' has sides of AC3D8")
+@pytest.mark.filterwarnings("ignore:Sets without cells or facets")
+def test_acoustic_elements_are_not_a_part_of_the_body(comm, inp):
+    text = BRICKS.replace(CREST, "").replace("C3D8R,\n elset=upper", "AC3D8,\n elset=upper")
+    jointed = dj.read_mesh(inp(text), comm, unit="m", joints=[])
+    assert size(jointed, jointed.dx("all")) == pytest.approx(6.0, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -330,11 +375,35 @@ FACES = "*Surface, name=joint_a-\n lower, S2\n*Surface, name=joint_a+\n upper, S
 )
 def test_duplicated_nodes_become_a_joint(comm, inp, joint, name):
     """Check that results are those of the conforming mesh that the package splits."""
-    text = BRICKS.replace("*Nset, nset=crest, instance=dam-1\n 101, 102\n", "")
+    text = BRICKS.replace(CREST, "")
     conforming = dj.read_mesh(inp(text), comm, unit="m")
     jointed = dj.read_mesh(inp(COHESIVE + joint), comm, unit="m")
     assert jointed.joint_names == (name,)
     check_equal(results(jointed), results(conforming))
+
+
+KINKED = """\
+*NODE
+1, 0, 0
+2, 1, 0
+3, 2, 0
+4, 0, 1
+5, 1, 1
+6, 2, 1
+*ELEMENT, TYPE=CPE3
+1, 1, 2, 5
+2, 1, 5, 4
+3, 2, 3, 6
+4, 2, 6, 5
+*NSET, NSET=joint
+2, 5, 6
+"""
+
+
+def test_a_kinked_joint_needs_facets(comm, inp):
+    """Refuse the set of the cell 2, 5, 6 in the kink: its third edge is not in the joint."""
+    with pytest.raises(dj.MeshError, match="'joint' has all vertices of some cells, so that the"):
+        dj.read_mesh(inp(KINKED), comm, unit="m")
 
 
 def test_cohesive_elements_with_a_thickness_keep_it_as_initial_gap(comm, inp):
@@ -414,7 +483,7 @@ SHELL = "*Element, type=S4, elset=base\n 31, 1, 2, 3, 4\n"
         (BRICKS + WEDGE, "the cells are: 2 hexahedron (8 nodes), 1 wedge (6 nodes). Cells of one"),
         (
             BRICKS.replace("C3D8R", "SPRINGA"),
-            "surface 'top' has the unknown side S2 of SPRINGA",
+            "the cells are: 2 SPRINGA (0 nodes). Cells of one kind",
         ),
         (BRICKS.replace("10, 1, 2, 3, 4", "10, 1, 2, 4, 3"), "cells are partly inside out, the"),
         (
@@ -428,12 +497,18 @@ SHELL = "*Element, type=S4, elset=base\n 31, 1, 2, 3, 4\n"
         (BRICKS.replace(" 20, 11", " 10, 11"), "element 10 is defined twice."),
         (
             BRICKS.replace("_top_S2, S2", "20, S7"),
-            "surface 'top' has the unknown side S7 of hexahedron",
+            "surface 'top' has the unknown side 'S7' of hexahedron",
         ),
         (BRICKS.replace(" 11, 14\n", " 11, 12\n"), "all its vertices in the node set 'Joint_1'."),
         (BRICKS.replace("11, 14\n", "1, 4\n"), "Joint 'Joint_1': 1 of its facets do not have one"),
         (BRICKS + "*Nset, nset=top\n 1, 2\n", "'top' is a node set and a set of other facets"),
         (BRICKS + "*Instance, name=dam-2, part=dam\n", "*INSTANCE moves or generates nodes and is"),
+        (BRICKS.replace("crest", "base"), "the part and the assembly have a set 'base'; write the"),
+        (BRICKS + "*Node\n 1, 0., 0., 9.\n", "the assembly has additional nodes, for"),
+        (
+            BRICKS.replace("*Node\n", "*Node, system=C\n"),
+            "nodes with SYSTEM=C are not in",
+        ),
         (BRICKS + "*NCOPY\n", "*NCOPY moves or generates nodes and is not read; write the file"),
         (BRICKS + "*Nset, nset=a, elset=all\n", "the node set 'a' is given by elements; list its"),
         (BRICKS.replace("101,\n 102", "101,\n x"), "is damaged, or not a .inp file: Value"),
@@ -450,7 +525,8 @@ SHELL = "*Element, type=S4, elset=base\n 31, 1, 2, 3, 4\n"
         ),
     ],
 )
-@pytest.mark.filterwarnings("ignore:Node sets that are not facets", "ignore:Elements that are not")
+@pytest.mark.filterwarnings("ignore:Sets without cells", "ignore:Elements that are not")
+@pytest.mark.filterwarnings("ignore:The surface 'top' has sides")
 def test_mistakes_in_a_file_are_one_error(comm, inp, text, sentence):
     path = inp(text)
     with pytest.raises(dj.MeshError) as failure:
@@ -462,11 +538,11 @@ def test_mistakes_in_a_file_are_one_error(comm, inp, text, sentence):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        (BRICKS + "*Nset, nset=all\n 1, 2\n", "are not facets of the body and are not read: crest"),
-        (BRICKS + "*Surface, name=none\n", "The surface 'none' is empty and is not read."),
-        (BRICKS + "*Elset, elset=none\n", "The set 'none' has no cells or facets and is not read"),
+        (BRICKS + "*Nset, nset=all\n 1, 2\n", "of the body, which are not read: all, crest."),
+        (BRICKS + "*Surface, name=none\n", "which are not read: crest, none."),
+        (BRICKS + "*Elset, elset=none\n", "which are not read: crest, none."),
         (BRICKS + "*Element, type=MASS, elset=m\n 99, 1\n", "Elements that are not read: 1 MASS."),
-        (BRICKS + "*Surface, type=NODE, name=n\n base\n", "The surface 'n' does not consist of"),
+        (BRICKS + "*Surface, type=NODE, name=n\n base\n", "which are not read: crest, n."),
     ],
 )
 def test_what_is_not_read_is_reported(comm, inp, text, sentence):
@@ -497,7 +573,7 @@ def test_files_that_cannot_be_read(comm, inp):
         with pytest.raises(
             dj.MeshError, match=re.escape(f"joints is {joints!r}; it must be a list")
         ):
-            dj.read_mesh(inp(BRICKS.replace("crest", "base")), comm, unit="m", joints=joints)
+            dj.read_mesh(inp(BRICKS.replace(CREST, "")), comm, unit="m", joints=joints)
 
 
 def test_a_file_that_includes_itself_is_refused(comm, inp):
@@ -511,5 +587,5 @@ def test_a_med_file_with_lost_nodes_is_refused(comm, new_path):
     path = new_path("lost.med")
     blocks = {"HE8": np.arange(1, 9)[None]}
     on_root(comm, lambda: write_med(path, CUBE, blocks, {"dam": np.array([0])}))
-    with pytest.raises(dj.MeshError, match="elements have node 9, the last one is 8"):
+    with pytest.raises(dj.MeshError, match="node 9 is used, but the file does not define it"):
         dj.read_mesh(path, comm, unit="m")

@@ -506,7 +506,9 @@ def test_headers_of_itaca_until_2010(tmp_path: Path, way: str, azimuth: float | 
 
 def test_a_direction_that_the_file_does_not_know_can_be_given(tmp_path: Path) -> None:
     files = [write(tmp_path, esm(stream=f"HN{c}"), f"{c}.ASC") for c in "12Z"]
-    with pytest.raises(RecordError, match=r"1.ASC \(unknown direction\).*give directions= if"):
+    with pytest.raises(
+        RecordError, match=r"1.ASC \(unknown direction\).*give read_record directions= if"
+    ):
         read_record(files)
     motion = read_record(files, directions=[122.0, 32, "up"])
     np.testing.assert_allclose(100.0 * motion.acceleration[:, 0], WAVE, atol=1e-9)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """All records of a folder or archive: motions by name, and a row for each file."""
 
+import io
 import zipfile
 from pathlib import Path
 
@@ -109,5 +110,78 @@ def test_sources_without_a_record_are_errors(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("no numbers")
     with pytest.raises(RecordError, match=r"no record that can be read.\nfile .*\nbroken.zip .*"):
         dj.read_motions(tmp_path)
-    with pytest.raises(RecordError, match="cannot be read: Not a directory"):
+    with pytest.raises(RecordError, match="is neither a folder nor a complete zip archive"):
         dj.read_motions(tmp_path / "notes.txt")
+
+
+@pytest.mark.parametrize(
+    ("packing", "reason"),
+    [
+        (zipfile.ZIP_DEFLATED, "Error -3 while decompressing"),
+        (zipfile.ZIP_LZMA, "Corrupt input data"),
+        (None, "encrypted"),
+    ],
+)
+def test_a_damaged_archive_does_not_stop_the_others(
+    tmp_path: Path, packing: int | None, reason: str
+) -> None:
+    write_record(tmp_path)
+    inner = archive(tmp_path)
+    with zipfile.ZipFile(tmp_path / "outer.zip", "w", packing or zipfile.ZIP_STORED) as file:
+        file.write(inner, "inner.zip")
+    data = bytearray((tmp_path / "outer.zip").read_bytes())
+    if packing is None:  # set the flag of encryption in both headers
+        data[6] |= 1
+        data[data.rindex(b"PK\1\2") + 8] |= 1
+    else:
+        data[100:160] = bytes(range(60))
+    (tmp_path / "outer.zip").write_bytes(data)
+    with pytest.warns(PlausibilityWarning, match="1 of 4 files"):
+        records = dj.read_motions(tmp_path)
+    assert list(records.motions) == ["RSN1_ABC"]
+    remarks = dict(zip(records.table["file"], records.table["remark"], strict=True))
+    assert reason in remarks["outer.zip/inner.zip"]
+
+
+def test_archives_may_be_many_but_not_nested_without_end(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    write_record(tmp_path)
+    one = archive(tmp_path)
+    data = one.read_bytes()
+    for number in range(60):
+        path = tmp_path / f"station_{number}.zip"
+        with zipfile.ZipFile(path, "w") as file:
+            file.writestr("notes.txt", "no record")
+    for _ in range(5):
+        outer = io.BytesIO()
+        with zipfile.ZipFile(outer, "w") as file:
+            file.writestr("inner.zip", data)
+        data = outer.getvalue()
+    (tmp_path / "deep.zip").write_bytes(data)
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    used = len(list(Path("/proc/self/fd").iterdir()))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (used + 20, limits[1]))
+    try:
+        with pytest.warns(PlausibilityWarning, match="61 of 64 files"):
+            records = dj.read_motions(tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+    remarks = dict(zip(records.table["file"], records.table["remark"], strict=True))
+    assert "no accelerations" in remarks["station_59.zip/notes.txt"]
+    assert "not a text file" in remarks["deep.zip/inner.zip/inner.zip/inner.zip"]
+
+
+def test_a_link_to_a_folder_above_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "inner").mkdir()
+    write_record(tmp_path / "inner")
+    (tmp_path / "inner" / "up").symlink_to("..")
+    assert len(dj.read_motions(tmp_path).table["file"]) == 3
+
+
+def test_a_record_that_loses_time_has_a_remark(tmp_path: Path) -> None:
+    write_record(tmp_path)
+    (tmp_path / "RSN1_ABC-UP.AT2").write_text(at2_text([0.1] * 11, component="UP"))
+    records = dj.read_motions(tmp_path)
+    # Components of 20, 21 and 11 samples every 5 ms.
+    (remark,) = set(records.table["remark"])
+    assert remark == "its components have only 0.05 s of up to 0.1 s in common; the rest is cut off"

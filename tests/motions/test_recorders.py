@@ -132,6 +132,10 @@ def test_channels_have_the_peaks_steps_and_directions_of_their_headers(
         (csmip(2, block="cm/s "), "line 46: must state number, time step and unit"),
         (csmip(1, block="furlongs"), "line 28: 'furlongs' is not a unit of acceleration"),
         (csmip(2)[:900], "ends after line"),
+        (
+            "Acc /&".join(csmip(1).rsplit("Uncorrected Acc", 1)),
+            "line 96: accelerations of a channel",
+        ),
         (csmip(2).replace(" 37 points of accel", " 39 points of accel"), "but line 46 states 39"),
         (geonet(2, count="47"), "line 30: 7 values; the lines before have 10"),
         (geonet(1, count="-7"), "line 20: the number of values must be an integer of 2 or more"),
@@ -153,7 +157,18 @@ def test_malformed_files_are_errors(tmp_path: Path, content: str, message: str) 
 
 def test_channels_of_unknown_direction_need_directions(tmp_path: Path) -> None:
     path = write(tmp_path, csmip(2, ways=("H1", "Up", "H2")))
-    with pytest.raises(RecordError, match=r"unknown direction.*give directions= if"):
+    with pytest.raises(RecordError, match=r"unknown direction.*give read_record directions= if"):
         read_record(path)
     motion = read_record(path, directions=[0, "UP", 270])
     np.testing.assert_allclose(motion.acceleration[:, 1], 0.03 * WAVE, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("way", "azimuth"), [("N 28 W", 332.0), ("S 16.5 E", 163.5), ("E 10 N", None), ("90 Deg", 90.0)]
+)
+def test_bearings_with_blanks_are_not_cut_short(
+    tmp_path: Path, way: str, azimuth: float | None
+) -> None:
+    for content in (csmip(2, ways=(way,)), geonet(2, ways=(way,))):
+        (part,) = read_components(write(tmp_path, content))
+        assert part.direction == azimuth

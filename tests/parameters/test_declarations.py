@@ -70,7 +70,7 @@ def test_bad_values_raise_and_say_what_may_be_given(of, each):
 
 
 # What a model is made of but for what is only a part of such a thing, which reports show as text.
-PARTS = {"AnnualWave", "JointConductance", "ReservoirTemperature", "SeepageLine"}
+PARTS = {"AnnualWave", "JointConductance", "ReservoirTemperature", "RockLayer", "SeepageLine"}
 OF_MODELS = [
     (of, each)
     for of, each in CASES

@@ -365,7 +365,7 @@ def test_states_are_those_of_the_file(results: Results, scenes) -> None:
     np.testing.assert_array_equal(scenes[0].layers[1][0].cell_data["value"], [2, 1, 1, 0])
     labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert labels == ["open", "sticking", "sliding", "closed without friction"]
-    shares = [share(picture(figure), c) for c in ([0, 0, 0], [158, 202, 225], [230, 85, 13])]
+    shares = [share(picture(figure), c) for c in ([150, 150, 150], [158, 202, 225], [230, 85, 13])]
     assert shares[1] > 1.5 * shares[0] > 0.0
     assert shares[2] > 0.5 * shares[0]
 
@@ -385,6 +385,8 @@ def test_pictures_of_a_static_stage(tmp_path: Path, scenes) -> None:
         np.testing.assert_allclose(np.unique(body.point_data["value"]), [0.0, 2.0])  # mm
         views.joint_map(results, "opening")  # the last stage, as there are no other states
         np.testing.assert_allclose(scenes[-1].layers[1][0].cell_data["value"], [0, 0, 3, 3])
+        with pytest.raises(ValueError, match=r"a time or a stage, not both; got time=0.1, stage=0"):
+            plots.joint_traction(results, "joint_1", stage=0, time=0.1)
         ax = plots.joint_traction(results, "joint_1", stage=0)
         assert ax.get_title() == f"joint_1 after {WEIGHT}"
         with pytest.raises(ResultsError, match="No static stage 'summer'"):

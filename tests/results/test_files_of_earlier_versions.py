@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 from vtk_files import read_vtk
 
-from dolfinx_joints import ResultsError, export, report
+from dolfinx_joints import ResultsError, compare, export, report
 from dolfinx_joints.export.tables import write_csv
 from dolfinx_joints.postprocessing.measures import joint_history, joint_measures
 from dolfinx_joints.results.quantities import row_of
@@ -146,3 +146,17 @@ def test_a_run_does_not_continue_a_file_with_other_meanings(folder):
     with pytest.raises(ResultsError, match=message):
         ResultsWriter.resume(path, rows)
     assert Results(path).layout == 1
+
+
+def test_a_comparison_with_a_file_of_another_layout_has_a_note(folder, tmp_path):
+    newer = tmp_path / "newer.h5"
+    newer.write_bytes((folder / "plane_continued.h5").read_bytes())
+    with h5py.File(newer, "r+") as file:
+        file.attrs["version"] = 2
+    comparison = compare(folder / "plane_continued.h5", newer)
+    assert comparison.notes == [
+        "Layouts 1 and 2: slips of continued runs and reactions have other meanings "
+        "(docs/results_file.md)."
+    ]
+    (changed,) = (row.quantity for row in comparison.rows if row.difference)
+    assert changed == "measures/slip_residual"

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Static stages controlled by a gap or a displacement: softening bar, snap-back, results, input."""
 
+import dataclasses
 import warnings
 
 import numpy as np
@@ -160,6 +161,79 @@ def test_ranks_and_results_file(comm, tmp_path):
             np.testing.assert_allclose(results.series("statics", "controlled"), OPENINGS)
             stored = results.series("statics", "load_factor")
         np.testing.assert_allclose(stored, traction(OPENINGS, "linear") / PULL, atol=1e-8)
+        page = dj.report.write([path], path.with_suffix(".html")).read_text(encoding="utf-8")
+        assert "Controlled static stages" in page
+
+
+@pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning")
+def test_constant_uplift_at_the_time_of_the_last_stage():
+    """An uplift of t times 0.1 MPa stays at its value at 2 s, in the equilibrium and in results."""
+    uplift = dj.Uplift(joint="joint", pressure=1e5, factor=lambda t: t)
+    pull = dj.Traction(group="pulled", value=(PULL, 0.0), factor=lambda t: 0.1 * t)
+    model = bar(loads=[uplift, pull])
+    simulation = dj.Simulation(model)
+    simulation.quasi_statics([2.0])
+    state = dj.controlled_statics(simulation, [30e-6], loads=[pull], quantity=GAP)
+    exact = (traction(30e-6, "linear") - 2e5) / (0.2 * PULL)
+    assert state.load_factor == pytest.approx(exact, rel=1e-9)
+    assert simulation.stages[-1].time == 2.0
+    np.testing.assert_allclose(simulation.stages[-1].pressure, 2e5)
+    # Results would have its pressure without the load factor.
+    with pytest.raises(ValueError, match="other than Temperature and water"):
+        dj.controlled_statics(simulation, [40e-6], loads=[uplift], quantity=GAP)
+
+
+@pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning")
+def test_intact_branch_beside_a_weaker_joint():
+    """Below the strength of both joints, each opens by t / k_n.
+
+    A second equilibrium has the same opening of the stronger joint and a softened weaker joint.
+    """
+    law = bar().contact.laws["joint"]
+    laws = {"joint": law, "weak": dataclasses.replace(law, tensile_strength=0.5 * STRENGTH)}
+    jointed = box(
+        (1.0, 0.1),
+        (16, 2),
+        joints={"joint": (0, 0.25), "weak": (0, 0.75)},
+        groups={"fixed": (0, 0.0), "pulled": (0, 1.0), "base": (1, 0.0), "top": (1, 0.1)},
+        comm=MPI.COMM_SELF,
+    )
+    rollers = [dj.Fixed(group=group, components="y") for group in ("base", "top")]
+    model = dj.Model(
+        jointed,
+        material=dj.Elastic(young=YOUNG, poisson=0.0, density=0.0),
+        joints=laws,
+        supports=[dj.Fixed(group="fixed"), *rollers],
+        loads=[dj.Traction(group="pulled", value=(PULL, 0.0))],
+    )
+    simulation, factors = follow(model, [1e-7, 1.4e-7])
+    np.testing.assert_allclose(factors, [1.0, 1.4], rtol=1e-9)
+    np.testing.assert_allclose(simulation.static.joints.state.gap[:, 0], 1.4e-7, rtol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning")
+def test_an_absent_block_is_refused():
+    """The weight of the block is not among the constant loads."""
+    jointed = box(
+        (1.0, 1.0),
+        (2, 2),
+        joints={"joint": (1, 0.5)},
+        groups={"base": (1, 0.0), "top": (1, 1.0)},
+        cells={"lower": (0.0, 0.5), "upper": (0.5, 1.0)},
+        comm=MPI.COMM_SELF,
+    )
+    weight, pull = dj.Gravity(), dj.Traction(group="top", value=(0.0, PULL))
+    model = dj.Model(
+        jointed,
+        material=dj.Elastic(young=YOUNG, poisson=0.0, density=2400.0),
+        joints=bar().contact.laws["joint"],
+        supports=[dj.Fixed(group="base")],
+        loads=[weight, pull],
+    )
+    simulation = dj.Simulation(model)
+    simulation.statics(loads=[weight], absent=["upper"])
+    with pytest.raises(dj.JointsError, match="upper is absent"):
+        dj.controlled_statics(simulation, [1e-6], loads=[pull], quantity=GAP)
 
 
 @pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning")
@@ -180,7 +254,8 @@ def test_bad_input():
         ),
         (dict(quantity=dj.ControlledGap(joint="joint", component="s2")), {}, "do not change"),
         (dict(quantity=GAP), dict(solver="monolithic"), "condensed solver"),
-        (dict(loads=[]), {}, "at least one load"),
+        (dict(quantity=dj.ControlledDisplacement(along=(1, 0), place=(0.5, 0.0))), {}, "2 nodes"),
+        (dict(loads=[]), {}, "loads is"),
         (dict(loads=[dj.Gravity()]), {}, "not a load of the model"),
         (dict(values=[]), {}, "values"),
         (dict(values=[np.nan]), {}, "finite"),

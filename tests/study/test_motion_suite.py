@@ -195,7 +195,8 @@ def test_what_has_changed_is_not_taken_for_done(comm, simulation, new_path):
     MotionSuite(folder, given, {"a": motions(1.0)["x1"]}, points=POINTS).run(dt=DT)
     other = MotionSuite(folder, given, {"a": motions(0.5)["x0.5"]}, points=POINTS)
     with pytest.raises(
-        StudyError, match=r"a\.h5 was computed with another motion, time step or version for 'a'"
+        StudyError,
+        match=r"a\.h5 was .* another motion, free field, time step or version for 'a'",
     ):
         other.run(dt=DT)
     assert other.run(dt=DT, rerun_changed=True).done == ["a"]
@@ -294,3 +295,39 @@ def test_a_free_field_without_waves_or_with_a_motion_is_an_error(simulation, new
     field = dj.FreeField(groups=["base"], incident=lambda t: np.zeros(3), surface=1.0)
     with pytest.raises(ValueError, match="Both motion and a FreeField are given"):
         suite.run(dt=DT, loads=[field])
+
+
+def test_a_run_lasts_as_long_as_the_outcrop_of_its_wave(comm, wall_file, read, new_path):
+    """A deconvolved motion begins before the record and ends after it."""
+    model = wall(read(wall_file()), supports=[dj.ViscousBoundary(group="base")])
+    given = dj.Simulation(model)
+    given.statics()
+    chosen = motions(0.1)
+
+    def free_field(motion, lead):
+        padded = np.pad(motion.acceleration, ((lead, lead), (0, 0)))
+        outcrop = dj.Motion(acceleration=padded, dt=DT)
+        incident = dj.incident_wave(outcrop)
+        return [dj.FreeField(groups=["base"], incident=incident, surface=1.0)]
+
+    suite = MotionSuite(new_path("longer"), given, chosen, points=POINTS)
+    suite.run(dt=DT, free_field=lambda motion: free_field(motion, 0))
+    plain = suite.table()["displacement [m]"]
+    for changed in (lambda motion: free_field(motion, STEPS), None):
+        with pytest.raises(StudyError, match="another motion, free field, time step"):
+            suite.run(dt=DT, free_field=changed)
+    suite.run(dt=DT, free_field=lambda motion: free_field(motion, STEPS), rerun_changed=True)
+
+    def look():
+        with dj.Results(suite.results("x0.1")) as run:
+            assert run.time("histories")[-1] == pytest.approx(3 * STEPS * DT)
+        # The wave is the same, only later, and the wall moves on after it.
+        assert suite.table()["displacement [m]"] >= plain * (1.0 - 1e-9)
+
+    on_root(comm, look)
+
+
+def test_a_motion_is_not_the_velocity_of_a_wave():
+    (motion,) = motions(1.0).values()
+    with pytest.raises(ValueError, match=r"must be a velocity; use incident_wave\(motion\)"):
+        dj.FreeField(groups=["base"], incident=motion, surface=1.0)

@@ -8,6 +8,8 @@ the record, up to the highest frequency that is kept.
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -18,7 +20,7 @@ from mpi4py import MPI
 from boxes import Rows, box
 
 import dolfinx_joints as dj
-from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.common.errors import PlausibilityWarning, RecordError
 from dolfinx_joints.motions.processing import fall, integrate
 
 SOIL = dj.Elastic(young=1.5e9, poisson=0.3, density=2000.0)
@@ -144,3 +146,15 @@ def test_what_cannot_be_deconvolved_is_an_error():
         column.transfer([-1.0])
     with pytest.raises(ValueError, match="thickness"):
         dj.RockLayer(thickness=0.0, material=SOIL)
+
+
+def test_a_highest_frequency_below_most_of_the_record_is_a_warning():
+    """Half of the squared acceleration of two equal sines is at 8 Hz; a whole number of periods."""
+    time = 0.005 * np.arange(2001)
+    column = dj.RockColumn(layers=[dj.RockLayer(thickness=20.0, material=SOIL)], half_space=ROCK)
+    values = np.sin(4.0 * np.pi * time) + np.sin(16.0 * np.pi * time)
+    record = dj.Motion(acceleration=values[:, None] * [1.0, 0.0, 0.0], dt=0.005, name="R")
+    with pytest.warns(PlausibilityWarning, match=r"'R': highest_frequency=5 removes (49|50)"):
+        column.deconvolved(record, kind="outcrop", highest_frequency=5.0)
+    with warnings.catch_warnings(action="error"):
+        column.deconvolved(record, kind="outcrop", highest_frequency=20.0)

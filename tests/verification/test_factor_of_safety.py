@@ -192,6 +192,39 @@ def test_overturning_block_by_multiplied_load():
     assert safety.of == ("Traction_back",)
 
 
+def test_multiplied_uplift():
+    """Contact force and water pressure at F balance the weight; F is that of the planar slide."""
+    law = dj.FrictionNoTension(**STIFF, friction_angle_deg=40.0)
+    run = on_slope(law, [1e3])
+    uplift = next(load for load in run.model.loads if isinstance(load, dj.Uplift))
+    run.statics()
+    safety = dj.factor_of_safety(run, method="load", multiplied=[uplift])
+    assert planar(0.0, law.friction_coefficient, safety.factor * 1e3) == pytest.approx(
+        1.0, rel=2e-3
+    )
+    joint = safety.resultants["joint"]
+    np.testing.assert_allclose(
+        joint.force + joint.water_force, [0.0, WEIGHT, 0.0], atol=1e-6 * WEIGHT
+    )
+
+
+def test_multiplied_temperature_is_not_recorded(tmp_path):
+    """Results have thermal stresses without the factor, so that monitors are refused."""
+    warmth = dj.Temperature(value=1.0, reference=0.0, expansion=1e-5)
+    model = dj.Model(
+        slope_mesh(0.0),
+        material=ROCK,
+        joints=dj.FrictionNoTension(**STIFF, friction_angle_deg=40.0),
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity(), warmth],
+    )
+    run = dj.Simulation(model)
+    run.statics()
+    monitor = dj.ResultsMonitor(tmp_path / "limit.h5", points={"top": (0.0, 1.0 + HEIGHT)})
+    with pytest.raises(ValueError, match="multiplied= without Temperature"):
+        dj.factor_of_safety(run, method="load", monitors=[monitor])
+
+
 # A block in a groove: planes that dip from the line x = 0 to both sides, which plunges along y.
 GROOVE, PLUNGE, SIDE, LONG = (50.0, 35.0), 25.0, 2.0, 3.0
 

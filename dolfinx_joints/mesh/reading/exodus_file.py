@@ -15,7 +15,7 @@ from scipy.io import netcdf_file
 
 from dolfinx_joints.common.arrays import Ints
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.mesh.reading.named_sets import FileMesh, positions
+from dolfinx_joints.mesh.reading.named_sets import FileMesh
 
 _KINDS = {"TRI": "triangle", "QUA": "quadrilateral", "SHE": "quadrilateral", "HEX": "hexahedron"}
 _KINDS |= {"TET": "tetrahedron", "PYR": "pyramid", "WED": "wedge"}
@@ -24,8 +24,8 @@ _KINDS |= dict.fromkeys(("BAR", "BEA", "TRU", "EDG"), "line")
 _HEX = [*range(12), *range(16, 20), *range(12, 16), 23, 24, 25, 26, 21, 22, 20]
 _USED = re.compile("coord[xyz]?$|connect|(elem|side)_ss|node_ns|(eb|ss|ns)_(names|prop1)")
 _SIDES = {
-    "triangle": {1: "12", 2: "23", 3: "31"},
-    "quadrilateral": {1: "12", 2: "23", 3: "34", 4: "41"},
+    "triangle": {-1: "123", 0: "123", 1: "12", 2: "23", 3: "31"},
+    "quadrilateral": {-1: "1234", 0: "1234", 1: "12", 2: "23", 3: "34", 4: "41"},
     "tetrahedron": {1: "124", 2: "234", 3: "143", 4: "132"},
     "hexahedron": {1: "1265", 2: "2376", 3: "3487", 4: "1584", 5: "1432", 6: "5678"},
 }
@@ -35,58 +35,62 @@ def load_exodus(path: Path) -> FileMesh:
     """Read the mesh, the blocks, the side sets and the node sets of a file."""
     with path.open("rb") as stream:
         start = stream.read(4)
-    if start[:3] == b"CDF" and start[3] in (1, 2):
-        with netcdf_file(path, "r", mmap=False) as file:
-            used = {name: file.variables[name] for name in file.variables if _USED.match(name)}
-            return _mesh({name: (v[...], v._attributes) for name, v in used.items()})
-    if start[:3] == b"CDF":
+    if start == b"CDF\5":
         raise MeshError("the file has 64-bit data (CDF-5); convert it by nccopy -k nc4 OLD NEW.")
+    if start[:3] == b"CDF":
+        with netcdf_file(path, "r", mmap=False) as file:
+            return _mesh(file.variables)
     with h5py.File(path, "r") as file:
-        used = {name: file[name] for name in file if _USED.match(name)}
-        return _mesh({name: (v[...], v.attrs) for name, v in used.items()})
+        return _mesh(file)
 
 
-def _mesh(variables: Mapping[str, tuple[Any, Mapping[str, Any]]]) -> FileMesh:
-    values = {name: np.asarray(array) for name, (array, _) in variables.items()}
-    blocks, element_sets, start = [], {}, 0
-    for k, name in _names(values, "eb", "block").items():
-        if f"connect{k}" in values:
-            blocks.append(_block(*variables[f"connect{k}"]))
-            element_sets[name] = np.arange(start, start := start + len(blocks[-1][1]))
+def _mesh(variables: Mapping[str, Any]) -> FileMesh:
+    """Return the content of variables of SciPy or h5py."""
+    used = [name for name in variables if _USED.match(name)]
+    values = {name: np.asarray(variables[name][...]) for name in used}
     axes = [values[f"coord{axis}"] for axis in "xyz" if f"coord{axis}" in values]
     x = np.stack(axes, axis=1) if axes else values["coord"].T
-    number, none = np.arange(1, len(x) + 1), np.empty(0, dtype=np.int64)
+    blocks, element_sets, shells, start = [], {}, [], 1
+    for k, name in _names(values, "eb", "block").items():
+        if f"connect{k}" in values:
+            kind, letters, nodes = _block(variables[f"connect{k}"], values[f"connect{k}"])
+            element_sets[name] = np.arange(start, start := start + len(nodes))
+            blocks.append((kind, np.column_stack([element_sets[name], nodes])))
+            if letters == "SHE" or (letters == "TRI" and x.shape[1] == 3):
+                shells.append(element_sets[name])
+    none = np.empty(0, dtype=np.int64)
     node_sets = {
-        name: positions("node", number, values.get(f"node_ns{k}", none))
-        for k, name in _names(values, "ns", "nodeset").items()
+        name: values.get(f"node_ns{k}", none) for k, name in _names(values, "ns", "nodeset").items()
     }
-    mesh = FileMesh.of(x, blocks, element_sets=element_sets, node_sets=node_sets)
-    number = np.arange(1, start + 1)
+    mesh = FileMesh(x, blocks, np.arange(1, len(x) + 1), node_sets, element_sets)
     for k, name in _names(values, "ss", "sideset").items():
         sides, own = (values.get(f"{part}_ss{k}", none) for part in ("side", "elem"))
+        # Sides 1 and 2 of a shell are its faces; its edges have the numbers from 3.
+        sides = sides - 2 * np.isin(own, np.concatenate([none, *shells]))
         mesh.facets[name] = []
         for side in np.unique(sides):
-            mesh.add_sides(
-                name, positions("element", number, own[sides == side]), int(side), _SIDES
-            )
+            mesh.add_sides(name, own[sides == side], int(side), _SIDES)
     return mesh
 
 
-def _block(nodes: Any, attributes: Mapping[str, Any]) -> tuple[str, Ints]:
-    """Return the kind and the nodes of a block of elements."""
+def _block(variable: Any, nodes: Ints) -> tuple[str, str, Ints]:
+    """Return the kind, the first letters of the type, and the nodes of a block of elements."""
+    attributes = variable.attrs if hasattr(variable, "attrs") else variable._attributes
     name = attributes["elem_type"]
     name = name.decode() if isinstance(name, bytes) else str(name)
-    kind, nodes = _KINDS.get(name[:3].upper(), name), nodes.astype(np.int64) - 1
+    letters = name[:3].upper()
+    kind = _KINDS.get(letters, name)
     if kind == "quadrilateral" and nodes.shape[1] in (3, 6):
         kind = "triangle"  # SHELL3
     order = _HEX[: nodes.shape[1]] if kind == "hexahedron" else range(nodes.shape[1])
-    return kind, nodes[:, list(order)]
+    return kind, letters, nodes[:, list(order)]
 
 
 def _names(values: Mapping[str, Any], part: str, word: str) -> dict[int, str]:
     """Return the names of blocks or sets by their position from 1; the default is WORD_ID."""
     ids = values.get(f"{part}_prop1", np.empty(0, dtype=np.int64)).tolist()
     letters = values.get(f"{part}_names", [[b""]] * len(ids))
+    ids = ids or range(1, len(letters) + 1)
     texts = [b"".join(row).partition(b"\0")[0].decode().strip() for row in letters]
     names = [text or f"{word}_{number}" for text, number in zip(texts, ids, strict=True)]
     if len(set(names)) < len(names):

@@ -28,19 +28,18 @@ def load_med(path: Path) -> FileMesh:
         if len(times) != 1:
             raise MeshError(f"the file has {len(times)} meshes ({', '.join(meshes)}); write one.")
         families = file.get("FAS", {}).get(next(iter(meshes)), {})
-        nodes, blocks, numbers = times[0]["NOE"], [], []
+        nodes, blocks = times[0]["NOE"], []
+        family: Ints = np.empty(0, dtype=np.int64)
         x = nodes["COO"][()].reshape(-1, nodes["COO"].attrs["NBR"]).T
         for name, block in times[0].get("MAI", {}).items():
-            rows = block["NOD"][()].reshape(-1, block["NOD"].attrs["NBR"]).T - 1
-            kind = _KINDS.get(name, _KINDS.get(name[:2], name))
-            blocks.append((kind, rows[:, _H27] if name == "H27" else rows))
-            numbers.append(_families(block, len(rows)))
-        return FileMesh.of(
-            x,
-            blocks,
-            element_sets=_groups(families.get("ELEME", {}), np.concatenate(numbers)),
-            node_sets=_groups(families.get("NOEUD", {}), _families(nodes, len(x))),
-        )
+            rows = block["NOD"][()].reshape(-1, block["NOD"].attrs["NBR"]).T
+            labels = len(family) + np.arange(1, len(rows) + 1)
+            rows = np.column_stack([labels, rows[:, _H27] if name == "H27" else rows])
+            blocks.append((_KINDS.get(name, _KINDS.get(name[:2], name)), rows))
+            family = np.append(family, _families(block, len(rows)))
+        node_sets = _groups(families.get("NOEUD", {}), _families(nodes, len(x)))
+        element_sets = _groups(families.get("ELEME", {}), family)
+        return FileMesh(x, blocks, np.arange(1, len(x) + 1), node_sets, element_sets)
 
 
 def _families(entities: Any, count: int) -> Ints:
@@ -49,10 +48,10 @@ def _families(entities: Any, count: int) -> Ints:
 
 
 def _groups(families: Any, family_of: Ints) -> dict[str, Ints]:
-    """Return the members of each group, which consists of families."""
+    """Return the labels from 1 of the members of each group, which consists of families."""
     numbers: dict[str, list[int]] = {}
     for family in families.values():
         for letters in family["GRO/NOM"][()] if "GRO" in family else ():
             name = bytes(letters.astype(np.uint8)).partition(b"\0")[0].decode().strip()
             numbers.setdefault(name, []).append(family.attrs["NUM"])
-    return {name: np.flatnonzero(np.isin(family_of, own)) for name, own in numbers.items()}
+    return {name: 1 + np.flatnonzero(np.isin(family_of, own)) for name, own in numbers.items()}

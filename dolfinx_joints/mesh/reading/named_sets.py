@@ -5,14 +5,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import dolfinx.mesh
 import numpy as np
 from dolfinx.cpp.io import perm_vtk
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from dolfinx_joints.common.arrays import Flags
@@ -45,72 +44,87 @@ _LAYERS = {  # kind and opposite vertices of the elements of a joint, by the num
 COINCIDENT = 1e-6  # nodes coincide if distance / edge length is below this limit
 
 
-@dataclass(kw_only=True)
 class FileMesh:
-    """Content of a file; all numbers start at 0.
+    """Content of a file; numbers of nodes and elements start at 0.
 
     Attributes:
         x: Node coordinates in the unit of the file, shape (nodes, 2 or 3).
         kind: ``line``, ``triangle``, ``quadrilateral``, ``tetrahedron``, ``pyramid``, ``wedge``,
             ``hexahedron``, ``cohesive``, or the file's name of another kind, shape (elements,).
         nodes: Nodes of each element in the order of VTK, filled with -1 to the longest element.
-        element_sets: Element numbers of each set.
+        element: Function that returns the numbers of elements from their labels in the file.
         node_sets: Node numbers of each set.
+        element_sets: Element numbers of each set.
         facets: Vertices of the facets of each surface, in several arrays.
     """
 
-    x: Floats
-    kind: NDArray[np.str_]
-    nodes: Ints
-    element_sets: dict[str, Ints]
-    node_sets: dict[str, Ints]
-    facets: dict[str, list[Ints]] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, x: Floats, blocks: Sequence[tuple[str, Ints]], **sets: Any) -> FileMesh:
-        """Return the mesh of blocks, each with the kind and the nodes of its elements."""
-        kind = np.repeat([kind for kind, _ in blocks], [len(nodes) for _, nodes in blocks])
-        width = max([8, *(nodes.shape[1] for _, nodes in blocks)])
-        rows = [np.pad(n, ((0, 0), (0, width - n.shape[1])), constant_values=-1) for _, n in blocks]
-        nodes = np.vstack([np.empty((0, width), dtype=np.int64), *rows])
+    def __init__(
+        self,
+        x: Floats,
+        blocks: Sequence[tuple[str, Any]],
+        node_labels: Any,
+        node_sets: Mapping[str, Any],
+        element_sets: Mapping[str, Any],
+    ) -> None:
+        """Take the labels of a file; blocks have the kind, and the label and nodes of elements."""
+        labels = [row[0] for _, rows in blocks for row in rows]
+        node, self.element = _numbers("node", node_labels), _numbers("element", labels)
         if not np.isfinite(x).all():
             raise MeshError("the file has coordinates that are not finite numbers.")
-        if nodes.max(initial=-1) >= len(x):
-            raise MeshError(f"elements have node {nodes.max() + 1}, the last one is {len(x)}.")
-        return cls(x=x, kind=kind, nodes=nodes, **sets)
+        self.x, width = x, max([8, *(rows.shape[1] - 1 for _, rows in blocks)])
+        self.kind = np.repeat([kind for kind, _ in blocks], [len(rows) for _, rows in blocks])
+        self.nodes: Ints = np.full((len(self.kind), width), -1)
+        end = 0
+        for _, rows in blocks:
+            start, end = end, end + len(rows)
+            self.nodes[start:end, : rows.shape[1] - 1] = node(rows[:, 1:])
+        self.node_sets = {name: node(members) for name, members in node_sets.items()}
+        self.element_sets = {name: self.element(own) for name, own in element_sets.items()}
+        self.facets: dict[str, list[Ints]] = {}
 
     def add_sides(
-        self, name: str, elements: Ints, label: Any, sides: Mapping[str, Mapping[Any, str]]
+        self, name: str, labels: Any, side: Any, sides: Mapping[str, Mapping[Any, str]]
     ) -> None:
         """Add a side of elements to the facets of a surface.
 
         ``sides`` has the vertices, from 1, of the sides of each kind by their labels in the file.
         """
+        elements = self.element(labels)
         for kind in np.unique(self.kind[elements]):
-            if label not in sides.get(kind, ()):
+            if kind not in sides:
+                warn(f"The surface {name!r} has sides of {kind} elements, which are not read.")
+                continue
+            if side not in sides[kind]:
+                allowed = ", ".join(map(str, sides[kind]))
                 raise MeshError(
-                    f"the surface {name!r} has the unknown side {label} of {kind} cells."
+                    f"the surface {name!r} has the unknown side {side!r} of {kind} cells; the "
+                    f"sides are: {allowed}."
                 )
-            local = [int(vertex) - 1 for vertex in sides[kind][label]]
+            local = [int(vertex) - 1 for vertex in sides[kind][side]]
             own = self.nodes[elements[self.kind[elements] == kind]]
             self.facets[name].append(own[:, local])
 
 
-def positions(entity: str, labels: Ints, wanted: Any) -> Ints:
-    """Return the positions of wanted labels, an array of any shape, in the labels of a file.
+def _numbers(entity: str, given: Any) -> Callable[[Any], Ints]:
+    """Return a function of labels, an array of any shape, that returns their positions.
 
     Raises:
-        MeshError: A label occurs twice, or a wanted label is not in the file.
+        MeshError: A label occurs twice, or (in the function) is not in the file.
     """
-    wanted = np.asarray(wanted, dtype=np.int64)
+    labels = np.asarray(given, dtype=np.int64)
     order = np.argsort(labels, kind="stable")
     ordered = np.append(labels[order], np.iinfo(np.int64).max)
     if len(twice := ordered[1:][ordered[1:] == ordered[:-1]]):
         raise MeshError(f"{entity} {twice[0]} is defined twice.")
-    place = np.searchsorted(ordered, wanted)
-    if len(lost := wanted[ordered[place] != wanted]):
-        raise MeshError(f"{entity} {lost[0]} is used, but the file does not define it.")
-    return order[place]
+
+    def positions(given: Any) -> Ints:
+        wanted = np.asarray(given, dtype=np.int64)
+        place = np.searchsorted(ordered, wanted)
+        if len(lost := wanted[ordered[place] != wanted]):
+            raise MeshError(f"{entity} {lost[0]} is used, but the file does not define it.")
+        return order[place]
+
+    return positions
 
 
 def named_mesh(file: FileMesh, joints: list[str] | None) -> tuple[RawMesh, list[str] | None]:
@@ -133,17 +147,16 @@ def named_mesh(file: FileMesh, joints: list[str] | None) -> tuple[RawMesh, list[
             groups[name] = own
         if len(own := members[dims[members] == dim - 1]):
             file.facets.setdefault(name, []).append(file.nodes[own, :corners])
-        elif name not in groups and name not in layers:
-            warn(f"The set {name!r} has no cells or facets and is not read.")
-    _add_node_sets(file, cells, shape, groups)
-    facets, used = {}, np.unique(cells)
+    listed = joints if isinstance(joints, list | tuple) else ()
+    unread, used = _add_node_sets(file, cells, shape, groups, listed), np.unique(cells)
     for name, parts in file.facets.items():
         if any(part.shape[1] != corners or not np.isin(part, used).all() for part in parts):
             raise MeshError(f"the group {name!r} has facets that are not faces of the cells.")
-        if parts:
-            facets[name] = np.concatenate(parts)
-        else:
-            warn(f"The surface {name!r} is empty and is not read.")
+    facets = {name: np.concatenate(parts) for name, parts in file.facets.items() if parts}
+    unread |= {*file.facets, *file.element_sets} - {*facets, *groups, *layers}
+    if unread:
+        names = ", ".join(sorted(unread))
+        warn(f"Sets without cells or facets of the body, which are not read: {names}.")
     x = x[:, : shape.dim]
     raw = RawMesh(shape=shape, cells=cells, x=x, cell_groups=groups, facet_groups=facets)
     named = joint_names(raw, joints)[0]
@@ -231,11 +244,17 @@ def _add_layers(file: FileMesh, is_cell: Flags) -> tuple[Flags, list[str]]:
     return layer > 0, names
 
 
-def _add_node_sets(file: FileMesh, cells: Ints, shape: CellShape, groups: dict[str, Ints]) -> None:
-    """Add the facets with all vertices in a node set, unless an element set has its nodes."""
+def _add_node_sets(
+    file: FileMesh, cells: Ints, shape: CellShape, groups: Mapping[str, Ints], joints: Sequence[str]
+) -> set[str]:
+    """Add the facets with all vertices in a node set, unless an element set has its nodes.
+
+    Returns:
+        Names of node sets without facets, as points, and of sets of whole cells.
+    """
     local = shape.facet_vertices
     corners = cells[:, : int(local.max()) + 1]
-    faces, unread = corners[:, local].reshape(-1, local.shape[1]), []
+    faces, unread = corners[:, local].reshape(-1, local.shape[1]), set()
     for name, members in file.node_sets.items():
         in_set = np.zeros(max(cells.max(), members.max(initial=0)) + 1, dtype=bool)
         in_set[members] = True
@@ -248,25 +267,28 @@ def _add_node_sets(file: FileMesh, cells: Ints, shape: CellShape, groups: dict[s
             continue
         if name in file.facets:
             raise MeshError(f"{name!r} is a node set and a set of other facets; rename one.")
-        if not len(inside) and name.lower().startswith("joint"):
-            raise MeshError(f"no facet has all its vertices in the node set {name!r}.")
+        if name in joints or name.lower().startswith("joint"):
+            if not len(inside):
+                raise MeshError(f"no facet has all its vertices in the node set {name!r}.")
+            if len(whole):
+                raise MeshError(
+                    f"the node set {name!r} has all vertices of some cells, so that the facets of "
+                    "this joint are not clear; define it by a surface or by elements."
+                )
         if np.isin(inside, whole).all():
-            unread.append(name)
+            unread.add(name)
         else:
             file.facets[name] = [np.unique(np.sort(inside, axis=1), axis=0)]
-    if unread:
-        warn(f"Node sets that are not facets of the body and are not read: {', '.join(unread)}.")
+    return unread
 
 
 def _merged(raw: RawMesh, joints: list[str]) -> RawMesh:
     """Merge nodes that coincide on joints, and drop nodes without cells."""
     shape, cells, x = raw.shape, raw.cells, raw.x
-    new = np.arange(len(x))
-    for facets in (rows for name, rows in raw.facet_groups.items() if name in joints):
-        owner, count = find_facets(shape, cells, new[facets])
-        outer = owner[count == 1, 0]
-        if not len(outer):
-            continue
+    new, local = np.arange(len(x)), shape.facet_vertices
+    rows = [own for name, own in raw.facet_groups.items() if name in joints]
+    owner, count = find_facets(shape, cells, np.vstack([local[:0], *rows]))
+    if len(outer := owner[count == 1, 0]):
         nodes = cells[outer[:, :1], shape.facet_nodes[outer[:, 1]]]
         edge = np.linalg.norm(x[nodes[:, 0]] - x[nodes[:, 1]], axis=1).min()
         limit, used = COINCIDENT * edge, np.unique(cells)
@@ -275,9 +297,8 @@ def _merged(raw: RawMesh, joints: list[str]) -> RawMesh:
         _, first, of = np.unique(
             same_places(x[near], limit), return_index=True, return_inverse=True
         )
-        merged = np.arange(len(x))
-        merged[near] = near[first[of]]
-        new, cells = merged[new], merged[cells]
+        new[near] = near[first[of]]
+        cells = new[cells]
     used, inverse = np.unique(cells, return_inverse=True)
     facet_groups = {
         name: np.unique(np.sort(np.searchsorted(used, new[rows]), axis=1), axis=0)

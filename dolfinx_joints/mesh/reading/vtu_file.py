@@ -44,25 +44,19 @@ def load_vtu(path: Path) -> FileMesh:
     offsets = vtk_to_numpy(grid.GetCells().GetOffsetsArray())
     nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray()).astype(np.int64)
     width = np.diff(offsets)
-    blocks, order = [], []
+    blocks = []
     for kind, count in np.unique(np.column_stack([kinds, width]), axis=0):
         chosen = np.flatnonzero((kinds == kind) & (width == count))
         rows = nodes[offsets[chosen][:, None] + np.arange(count)]
-        blocks.append((_KINDS.get(int(kind), f"VTK cell type {kind}"), rows))
-        order.append(chosen)
-    number = np.argsort(np.concatenate(order))
-    of_cells, of_points = (
-        _sets(data, vtk_to_numpy) for data in (grid.GetCellData(), grid.GetPointData())
-    )
-    return FileMesh.of(
-        vtk_to_numpy(grid.GetPoints().GetData()).astype(np.float64),
-        blocks,
-        element_sets={name: number[members] for name, members in of_cells.items()},
-        node_sets={name: members for name, members in of_points.items() if name[-2:] != "_0"},
-    )
+        name = _KINDS.get(int(kind), f"VTK cell type {kind}")
+        blocks.append((name, np.column_stack([chosen, rows])))
+    x = vtk_to_numpy(grid.GetPoints().GetData()).astype(np.float64)
+    node_sets = _sets(grid.GetPointData(), vtk_to_numpy, without=0)
+    element_sets = _sets(grid.GetCellData(), vtk_to_numpy)
+    return FileMesh(x, blocks, np.arange(len(x)), node_sets, element_sets)
 
 
-def _sets(data: Any, array_of: Any) -> dict[str, Ints]:
+def _sets(data: Any, array_of: Any, without: int | None = None) -> dict[str, Ints]:
     """Return the members of each set: NAME if the array has 0 and 1 only, otherwise NAME_VALUE.
 
     An array with a distinct value for each cell or point is a numbering, and has no sets.
@@ -77,5 +71,6 @@ def _sets(data: Any, array_of: Any) -> dict[str, Ints]:
         if set(distinct.tolist()) <= {0, 1}:
             sets[name] = np.flatnonzero(values)
         elif len(distinct) < len(values):
-            sets |= {f"{name}_{value}": np.flatnonzero(values == value) for value in distinct}
+            chosen = distinct[distinct != without]
+            sets |= {f"{name}_{value}": np.flatnonzero(values == value) for value in chosen}
     return sets

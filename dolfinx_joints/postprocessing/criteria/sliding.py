@@ -102,8 +102,8 @@ def block_sliding(
     forces of its other joints, such as the thrust of a dam, minus mass times ground acceleration.
     Loads on the block must be constant.
 
-    If the block slides in the run, a thrust that falls due to the slip has fallen. For forces that
-    do not depend on the slip, use a run with a `KeyedJoint` on each plane, and give the angles.
+    If the block slides in the run, the slip also reduces the recorded thrust. For forces that do
+    not depend on the slip, use a run with a `KeyedJoint` on each plane, and give the angles.
 
     Args:
         results: A run with ``ResultsMonitor(resultants=True)``, from static equilibrium.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.operator import GapOperator
@@ -64,14 +64,7 @@ def march(
     Raises:
         JumpError: No equilibrium without a jump was found and ``allow_jumps`` is false.
         ConvergenceError: No equilibrium was found.
-        JointsError: Times decrease in a model with nonlinear cells.
     """
-    times = [before.time, *(time for time, _ in path if time is not None)]
-    if model.bulk is not None and times != sorted(times):
-        raise JointsError(
-            f"The times {times[1:]} s must not decrease or begin before {times[0]:g} s, the time "
-            "of the last state: the strains of materials may depend on the time between them."
-        )
     system, contact = model.system(only=acting, static=True), model.contact
     start = start_of_stage(system, before)
     carried = carried_loads(system, before, start)

@@ -149,6 +149,10 @@ class EndPointMaterial:
     def _respond(self, strain: Floats, internal: Floats, dt: float) -> PointResponse:
         """Return the response, checked for its shapes."""
         owner, count = type(self).__name__, len(strain)
+        if dt < 0.0:
+            raise ValueError(
+                f"{owner}: the time decreases by {-dt:g} s; times of quasi_statics must increase."
+            )
         given = self.function(strain.copy(), internal.copy(), dt)
         if not isinstance(given, tuple) or len(given) not in (2, 3, 4):
             wanted = "(stress, tangent[, energy[, internal variables]])"

@@ -3,7 +3,7 @@
 """Cells with nonlinear materials, combined with the joints for the monolithic solver.
 
 The stiffness matrix contains the elastic part of these cells. Their force adds the excess stress,
-the stress minus C eps: -C eps_p in plastic cells.
+the stress minus C eps: -C eps_p for a plastic strain eps_p.
 """
 
 from __future__ import annotations

@@ -14,8 +14,11 @@ import ufl
 from dolfinx import fem, mesh
 from numpy.typing import NDArray
 from ufl.algorithms import strip_variables
+from ufl.algorithms.analysis import has_type
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.algorithms.apply_derivatives import apply_derivatives
 from ufl.algorithms.renumbering import renumber_indices
-from ufl.classes import Constant, FormArgument, GeometricQuantity
+from ufl.classes import Constant, Derivative, FormArgument, GeometricQuantity
 from ufl.corealg.traversal import traverse_unique_terminals
 
 from dolfinx_joints.common.parameters import shown
@@ -89,6 +92,8 @@ class UflPoints:
         if foreign or returned != shape or result.ufl_free_indices:
             fault = f"contains {shown(foreign[0], str)}" if foreign else f"has shape {returned}"
             raise ValueError(f"{self._owner}: {label} {fault}; {wanted}")
+        if has_type(result, Derivative):  # strip_variables cannot rebuild the user's ufl.diff
+            result = apply_derivatives(apply_algebra_lowering(result))
         text = str(renumber_indices(strip_variables(result)))
         self._texts.append(f"{label.removeprefix('the ')}={text}")
         return result

@@ -21,7 +21,10 @@ from dolfinx_joints.materials.orthotropic import Orthotropic
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
 
 # Strain at which new materials are evaluated after zero strain: small, without equal components.
-_TEST_STRAIN = 1e-7 * np.array([[-3.0, 1.0, 2.0, 0.7, -0.5, 1.1]])
+_TEST_STRAIN = np.array([[-3e-7, 1e-7, 2e-7, 7e-8, -5e-8, 1.1e-7]])
+
+# Growth of this strain for the derivative of an energy, and its tolerance: exact for quadratics.
+_GROWTH = 1e-3
 
 # Largest stress at zero strain, and largest negative stiffness there, divided by the elastic
 # stiffness: a strain of 1e-9. The limit of the energy is the square.
@@ -101,12 +104,12 @@ class EndPointMaterial:
         """Return the response at the end of a step, or over the whole step."""
         stress, tangent, energy, internal = self._respond(strain, state.internal, dt)
         zero = np.zeros(len(strain))
-        after = BulkState(
-            strain=strain.copy(),
-            stress=stress,
-            energy=zero if energy is None else energy,
-            internal=state.internal if internal is None else internal,
-        )
+        energy = zero if energy is None else energy.copy()  # the function may reuse its arrays
+        internal = state.internal if internal is None else internal
+        # The solver checks the stress only, so a point with any other NaN gets a stress of NaN.
+        sums = tangent.sum(axis=(1, 2)) + energy + internal.sum(axis=1)
+        stress = np.where(np.isfinite(sums)[:, None], stress, np.nan)
+        after = BulkState(strain=strain.copy(), stress=stress, energy=energy, internal=internal)
         mean = 0.5 * (state.stress + stress)
         loss = product(mean, strain - state.strain) - (after.energy - state.energy)
         if whole and self.reversible:
@@ -150,7 +153,7 @@ class EndPointMaterial:
             raise ValueError(
                 f"{owner}: the time decreases by {-dt:g} s; times of quasi_statics must increase."
             )
-        given = self.function(strain, internal, dt)
+        given = self.function(strain.copy(), internal.copy(), dt)
         if not isinstance(given, tuple) or len(given) not in (2, 3, 4):
             wanted = "(stress, tangent[, energy[, internal variables]])"
             raise ValueError(f"{owner} returned {shown(given)}; it must return {wanted}.")
@@ -160,10 +163,11 @@ class EndPointMaterial:
             if value is None and (name == "energy" or 0 in shape):
                 continue
             if getattr(value, "dtype", None) != np.float64 or value.shape != shape:
-                given = f"of shape {value.shape}" if hasattr(value, "shape") else shown(value)
+                an_array = isinstance(value, np.ndarray)
+                given = f"{value.dtype} of shape {value.shape}" if an_array else shown(value)
                 raise ValueError(
-                    f"{owner}: {name} is {given}; for {count} points it must be an array of floats "
-                    f"of shape {shape}."
+                    f"{owner}: {name} is {given}; for {count} points it must be an array of "
+                    f"float64 of shape {shape}."
                 )
         return PointResponse(*answer)
 
@@ -184,8 +188,8 @@ class EndPointMaterial:
             if value is not None and not finite(value):
                 at = f"the strain {_TEST_STRAIN[0].tolist()}" if finite(value[0]) else "zero strain"
                 raise ValueError(
-                    f"{owner}: {name} is NaN or infinite at {at}; avoid for example the derivative "
-                    "of sqrt(x) at x = 0 by sqrt(x + 1e-30)."
+                    f"{owner}: {name} is NaN or infinite at {at}. Avoid, for example, sqrt(x) "
+                    "with infinite slope at x = 0 by sqrt(x + 1e-30), and division by dt = 0."
                 )
         scale = float(np.abs(elastic.stiffness_matrix()).max())
         for name, limit in (("stress", _AT_REST * scale), ("energy", _AT_REST**2 * scale)):
@@ -222,13 +226,14 @@ class NumpyMaterial(EndPointMaterial):
     Attributes:
         function: Function of strain (n, 6), internal variables (n, m) at the start of the step and
             step length [s] that returns the values of `PointResponse`, at least the first two. It
-            is called with any number of points and must not change its arguments.
+            is called with any number of points.
         elastic: Elastic material for the density, the matrix K, modes and damping.
         internal: Initial value of each internal variable by name: a number, an array, or a
             function of the sizes of the cells, shape (n,), [m].
 
     Raises:
-        ValueError: The function returns arrays of other shapes, NaN, or a stress at zero strain.
+        ValueError: The function returns arrays of other shapes, NaN, a stress at zero strain, or
+            derivatives of stress or (without internal variables) energy that are not correct.
     """
 
     function: Callable[..., Any]
@@ -238,14 +243,31 @@ class NumpyMaterial(EndPointMaterial):
     def __post_init__(self) -> None:
         check_internal(type(self).__name__, self.internal, "a dict by name")
         object.__setattr__(self, "initials", self.internal)
-        has_energy = self._check().energy is not None
-        object.__setattr__(self, "reversible", has_energy and not self.internal)
+        answer = self._check()
+        object.__setattr__(self, "reversible", answer.energy is not None and not self.internal)
+        self._check_derivatives(answer)
+
+    def _check_derivatives(self, answer: PointResponse) -> None:
+        """Check that stress and energy have the returned derivatives as the test strain grows."""
+        strain, e = _TEST_STRAIN * np.array([[1.0 - _GROWTH], [1.0 + _GROWTH]]), _TEST_STRAIN[0]
+        near = self._respond(strain, self.initial_variables(np.ones(2)), 0.0)
+        derivatives: list[Any] = [("tangent", answer.tangent[1] @ e, "stress", near.stress)]
+        if self.reversible:
+            derivatives.append(("stress", answer.stress[1] @ e, "energy", near.energy))
+        for name, slope, of, ends in derivatives:
+            change = (ends[1] - ends[0]) / (2.0 * _GROWTH)
+            if not np.abs(change - slope).max() <= _GROWTH * np.abs([change, slope]).max():
+                raise ValueError(
+                    f"{type(self).__name__}: {name} is not the derivative of {of}: for the strains "
+                    f"x e with e = {e.tolist()}, d {of} / dx is {shown(change.tolist())} at x = 1, "
+                    f"but {name} : e is {shown(slope.tolist())}."
+                )
 
 
 def check_internal(
     owner: str, internal: Any, wanted: str, fits: Callable[[Any], bool] = lambda item: True
 ) -> None:
     """Check that internal variables are a mapping from plain names to values that fit."""
-    valid = isinstance(internal, Mapping) and all(map(is_plain_name, map(str, internal)))
-    if not valid or not all(map(fits, internal.values())):
+    valid = isinstance(internal, Mapping) and all(isinstance(name, str) for name in internal)
+    if not (valid and all(map(is_plain_name, internal)) and all(map(fits, internal.values()))):
         raise ValueError(f"{owner}: internal is {shown(internal)}; it must be {wanted}.")

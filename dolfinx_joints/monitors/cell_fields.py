@@ -79,13 +79,17 @@ class CellFields:
         if self._change:
             changes = [f * part for f, (_, _, part) in zip(factors, self._change, strict=True)]
             values["temperature change [K]"] = self._cells.dealt(present * np.sum(changes, axis=0))
-        if isinstance(joints, BodyResponse) and self._model.bulk is not None:
-            for name in self._model.bulk.variables:
-                means = self._model.bulk.variable(name, joints.state).x.array
-                values[name] = self._cells.dealt(means[: self._cells.owned])
         largest, smallest = principal_extremes(values["stress [Pa]"])
         values["largest principal stress [Pa]"] = largest
         values["smallest principal stress [Pa]"] = smallest
+        if isinstance(joints, BodyResponse) and self._model.bulk is not None:
+            for name in self._model.bulk.variables:
+                if name in values:
+                    raise ValueError(
+                        f"The internal variable {name!r} has the name of another field; rename it."
+                    )
+                means = self._model.bulk.variable(name, joints.state).x.array
+                values[name] = self._cells.dealt(means[: self._cells.owned])
         return values
 
     def _stresses(self, u: PETSc.Vec, joints: Response | None, factors: Sequence[float]) -> Floats:

@@ -15,7 +15,7 @@ from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.simulation import Simulation
-from dolfinx_joints.simulation.statics.stage_start import state_at_rest
+from dolfinx_joints.simulation.statics.stage_start import check_fits, state_at_rest
 from dolfinx_joints.time_integration.states import DynamicState
 
 # Kinetic energy of a body at rest, divided by its energy at the end of the motion.
@@ -54,7 +54,7 @@ def to_rest(
     Raises:
         JointsError: The body does not come to rest or drifts on dashpots, or the reservoir has
             waves.
-        ValueError: The model has another mesh or other joint laws.
+        ValueError: The model has another mesh, other joint laws, or materials with other variables.
     """
     check_kind_of("state", state, isinstance(state, DynamicState), "a DynamicState")
     before, after = simulation.model, model or simulation.model
@@ -86,5 +86,6 @@ def to_rest(
         )
     settled = Simulation(after, monitors=monitors, **options)
     settled.static = state_at_rest(before, state)
+    check_fits(after, settled.static)
     settled.quasi_statics([state.time], name="at rest")
     return settled

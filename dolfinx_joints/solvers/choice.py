@@ -123,7 +123,7 @@ def _first_solver(
     condenses = contact is not None and system.bulk is None and kind in ("auto", "condensed")
     if system.control is not None and not (condenses and system.symmetric):
         raise JointsError(
-            "Controlled loads need the condensed solver: a model with joints, without plastic "
+            "Controlled loads need the condensed solver: a model with joints, without nonlinear "
             'cells, with symmetric stiffness, and solver="auto" or "condensed".'
         )
     if system.bulk is not None and (kind == "condensed" or rigid):

@@ -330,7 +330,7 @@ def test_no_failure_and_refusals():
     with pytest.raises(ValueError, match="no joint whose strength"):
         dj.factor_of_safety(run, joints=[])
     other = groove(dj.FrictionNoTension(**STIFF, friction_angle_deg=40.0), {})
-    with pytest.raises(ValueError, match="start is a state of another mesh"):
+    with pytest.raises(ValueError, match="The state is of another mesh"):
         dj.factor_of_safety(other, start=run.static)
     with pytest.raises(dj.JointsError, match="no equilibrium at any factor"):
         dj.factor_of_safety(on_slope(dj.frictionless(normal_stiffness=1e10)), start=run.static)

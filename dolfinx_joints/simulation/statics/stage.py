@@ -313,7 +313,7 @@ def _remedy(failure: ConvergenceError, kind: str, solver: str, reached: float) -
     if kind != "auto":
         return f'solver="auto" also tries the other solver and pseudo-time. {limit}'
     if solver != "condensed":
-        softer = "" if failure.yielding else " or softer joints"
+        softer = "" if failure.yielding or failure.stick is None else " or softer joints"
         return f"SolverOptions(max_iterations=100){softer} may reach larger loads. {limit}"
     return limit
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -81,15 +82,16 @@ def check_fits(model: Model, start: StaticState) -> None:
             f"{unfinished[0]} does not act in the given state; all joints and blocks must act."
         )
     fits = start.displacement.getSizes() == model.stiffness.createVecRight().getSizes()
-    if model.bulk is not None and joints is not None:
-        stored = getattr(joints.state, "bulk", None)
-        fits &= stored is not None and stored.internal.shape == model.bulk.initial.shape
+    if joints is not None:
+        stored: Any = getattr(getattr(joints.state, "bulk", None), "internal", None)
+        initial: Any = getattr(model.bulk, "initial", None)
+        fits &= np.shape(stored) == np.shape(initial)
     if contact is not None and joints is not None:
         needed = contact.resting(contact.initial_gap)
         fits &= len(joints.state.gap) == len(needed.gap)
         fits &= joints.state.internal.size >= needed.internal.size
     if not all(model.jointed.mesh.comm.allgather(fits)):
-        raise ValueError("start is a state of another mesh or of laws with other variables.")
+        raise ValueError("The state is of another mesh or of laws with other variables.")
 
 
 def without_traction(state: JointState) -> Response:

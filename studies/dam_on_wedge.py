@@ -70,7 +70,15 @@ DT, END, QUICK = 0.005, 11.165, 1.0  # [s]
 
 @dataclass(frozen=True, kw_only=True)
 class Variant:
-    """What differs from the study: factors on stiffnesses, k_s / k_n, and planes that stick."""
+    """Parameters of a variant of the study.
+
+    Attributes:
+        rock: Factor of Young's modulus of the rock.
+        wedge: Factor of Young's modulus of the wedge.
+        joints: Factor of the normal stiffness of the planes.
+        ratio: k_s / k_n of the planes.
+        sticks: True if the planes do not slide.
+    """
 
     rock: float = 1.0
     wedge: float = 1.0

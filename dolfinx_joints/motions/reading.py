@@ -257,7 +257,7 @@ def _set_directions(parts: list[Component], directions: Sequence[str | float]) -
 
 
 def remarks_on(motion: Motion, parts: list[Component]) -> list[str]:
-    """Return what is unusual about a record: peak, time step, lost time, no vertical component."""
+    """Return remarks on an unusual record: peak, time step, lost time, no vertical component."""
     peak, remarks = float(motion.peak.max()) / STANDARD_GRAVITY, []
     if not WEAK_G <= peak <= STRONG_G:
         units = ", ".join(dict.fromkeys(part.unit for part in parts))

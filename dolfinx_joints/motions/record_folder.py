@@ -125,7 +125,7 @@ def _opened(path: Source) -> Source:
 
 
 def _facts(path: Source, parts: list[Component]) -> dict[str, str]:
-    """Return what a file has: format, directions, time step, longest duration, peaks."""
+    """Return the contents of a file: format, directions, time step, longest duration, peaks."""
     file_format, dt = format_of(RecordText(path)), parts[0].dt
     series = [part.acceleration / STANDARD_GRAVITY for part in parts]
     peaks = [f"{np.abs(values).max():.3g}" for values in series]

@@ -223,8 +223,10 @@ def test_tangent_of_the_local_solution(name, count):
     assert np.abs((there - traction) / size)[found].max() <= 1e-6
     moved = np.repeat(compliance, (1, 2), axis=1) * traction
     np.testing.assert_allclose(at_start.state.gap[found], (gap - moved)[found], rtol=0, atol=1e-16)
-    # Newton's method leaves 16 roundings of the stiffest part, a formula leaves one or two.
-    steps = 3.0 * small_steps(gap, state, at_start)
+    # Newton's method leaves 16 roundings of the stiffest part, a formula leaves one or two. An
+    # adhesion shifts the gap, which adds roundings: with steps of 3, 9 and 30 times the small ones
+    # the error falls from 4e-8 to 1e-8 and 2e-9, so it is not an error of the tangent.
+    steps = (30.0 if name == "adhesive" else 3.0) * small_steps(gap, state, at_start)
     worst, share = largest_error(evaluate, gap, steps)
     print(f"\n{name}, local: largest relative error {worst:.1e} over {count} states")
     assert worst <= TOLERANCE

@@ -30,9 +30,9 @@ from .common.mpi import abort_on_error as abort_on_error
 from .common.progress import set_log_level as set_log_level
 from .export.comparison import compare as compare
 from .export.tables import write_csv as write_csv
+from .gradient.quantity import Quantity as Quantity
 from .gradient.reverse_sweep import Gradient as Gradient
 from .gradient.reverse_sweep import gradient_of as gradient_of
-from .gradient.tape import Quantity as Quantity
 from .gradient.tape import Tape as Tape
 from .gradient.taylor import TaylorTest as TaylorTest
 from .gradient.taylor import taylor_test as taylor_test

@@ -18,10 +18,11 @@ from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.common.summary import Rows, Summarised, names
 from dolfinx_joints.gradient.law_slopes import GAP, SLIP, SLIPS, parameters_of, slopes_of
-from dolfinx_joints.gradient.tape import Quantity, Step, Tape
+from dolfinx_joints.gradient.model_slopes import ModelSlopes
+from dolfinx_joints.gradient.parametric import ParametricModel
+from dolfinx_joints.gradient.quantity import Quantity
+from dolfinx_joints.gradient.tape import LoadsAt, Step, Tape
 from dolfinx_joints.gradient.transposed_step import TransposedStep
-from dolfinx_joints.laws.law import DISCRETE_GRADIENT
-from dolfinx_joints.simulation.statics.stage_start import CONSTRUCTION
 from dolfinx_joints.time_integration.initial_state import balancing_acceleration
 from dolfinx_joints.time_integration.midpoint import rescaled_slips
 from dolfinx_joints.time_integration.newmark import Newmark
@@ -49,25 +50,33 @@ class Gradient(Summarised):
         by_point: Derivatives by the parameters at the local joint points, shape (n,), by parameter.
         by_joint: Their sums: derivatives by the parameters of whole joints, by parameter and joint.
         by_load: Derivatives by a factor of each load, or of the motion, by name.
+        by_parameter: Derivatives by the parameters of the parametric model, by name.
     """
 
     value: float
     by_point: Mapping[str, Floats]
     by_joint: Mapping[str, Mapping[str, float]]
     by_load: Mapping[str, float]
+    by_parameter: Mapping[str, float]
 
     def _summary(self) -> Rows:
         yield "quantity", f"{self.value:.6g}"
         yield "parameters of points", names(list(self.by_point))
         yield "loads", names(list(self.by_load))
+        for name, slope in self.by_parameter.items():
+            yield name, f"{slope:.6g}"
 
 
-def gradient_of(tape: Tape, quantity: Quantity) -> Gradient:
+def gradient_of(
+    tape: Tape, quantity: Quantity, parametric: ParametricModel | None = None
+) -> Gradient:
     """Return the gradient of a quantity by all joint parameters and load factors (collective).
 
     Args:
         tape: Tape of a run.
         quantity: The quantity, a smooth function of the observed values.
+        parametric: Parametric model that built the model of the run, for the derivatives by its
+            parameters.
 
     Raises:
         JointsError: A step is not one step of the joint laws, or a step has no derivative, because
@@ -76,7 +85,9 @@ def gradient_of(tape: Tape, quantity: Quantity) -> Gradient:
     """
     check_kind_of("tape", tape, isinstance(tape, Tape), "a Tape")
     check_kind_of("quantity", quantity, isinstance(quantity, Quantity), "a Quantity")
-    return ReverseSweep(tape, quantity).run()
+    is_parametric = isinstance(parametric, ParametricModel | None)
+    check_kind_of("parametric", parametric, is_parametric, "a ParametricModel")
+    return ReverseSweep(tape, quantity, parametric).run()
 
 
 class ReverseSweep:
@@ -85,9 +96,10 @@ class ReverseSweep:
     Args:
         tape: The recorded run.
         quantity: The quantity.
+        parametric: The parametric model, or None.
     """
 
-    def __init__(self, tape: Tape, quantity: Quantity) -> None:
+    def __init__(self, tape: Tape, quantity: Quantity, parametric: ParametricModel | None) -> None:
         """Evaluate the quantity and its derivative by the observed values (collective)."""
         history = tape.history()
         self._tape, self._operator = tape, tape.contact.operator
@@ -101,6 +113,17 @@ class ReverseSweep:
         self._parameters = {name: np.zeros(count) for name in sorted(names)}
         self._by_load: dict[str, float] = {}
         self._transposed = cache(TransposedStep)
+        self._work = self._u_bar.duplicate()
+        self._slopes: dict[str, ModelSlopes] = {}
+        if parametric is not None and tape.model is not None:
+            if tape.fields is None:
+                raise JointsError("Derivatives by parameters of a model need Tape(..., body=True).")
+            systems = {id(at.system): at.system for step in tape.steps for at in step.loads}
+            self._slopes = {
+                name: ModelSlopes(parametric, name, tape.model, list(systems.values()))
+                for name in parametric.parameters
+            }
+        self._by_parameter = dict.fromkeys(self._slopes, 0.0)
 
     def run(self) -> Gradient:
         """Return the gradient (collective)."""
@@ -119,8 +142,16 @@ class ReverseSweep:
             name: dict(zip(joints, row, strict=True))
             for name, row in zip(by_point, sums, strict=True)
         }
-        by_load = self._by_load
-        return Gradient(value=self._value, by_point=by_point, by_joint=by_joint, by_load=by_load)
+        for name, slopes in self._slopes.items():
+            local = sum(float(by_point[n] @ slope) for n, slope in slopes.joints.items())
+            self._by_parameter[name] += float(summed(self._operator.comm, np.array([local]))[0])
+        return Gradient(
+            value=self._value,
+            by_point=by_point,
+            by_joint=by_joint,
+            by_load=self._by_load,
+            by_parameter=self._by_parameter,
+        )
 
     def _linearised(self, last: int) -> tuple[int, list[tuple[Any, Ints, Floats]]]:
         """Return the derivatives of the laws in a batch of steps that ends with step ``last``.
@@ -175,7 +206,9 @@ class ReverseSweep:
             start_bar[:, SLIPS] @= rescaled_slips(np.eye(5), step.slip_scale).T
         joint_bar[:] = 0.0
         joint_bar[:, :columns] = start_bar
-        self._add_loads(step, z)
+        self._add_loads(step.loads, z)
+        if self._slopes:
+            self._subtract_forces(z, self._tape.fields.read(k, z))
 
     def _solve(self, step: Step, gap_bar: Floats, tangent: Floats) -> tuple[PETSc.Vec, Floats]:
         """Solve (42), and pass u, v, a to the start of the step by (45) (collective)."""
@@ -217,22 +250,24 @@ class ReverseSweep:
             else:
                 tape.probe.add(self._u_bar, list(tape.probes).index(name), values[k])
 
-    def _add_loads(self, step: Step, z: PETSc.Vec, time: float | None = None) -> None:
-        """Add the products of z with the loads of a step, or at a time [s] (collective)."""
-        system = step.solver.system
-        factors: Any = 1.0
-        if step.loads is not None and time is None:
-            # The construction load consists of rounding errors of earlier stages.
-            named = [item for item in step.loads.items() if item[0] != CONSTRUCTION]
-        else:
-            vectors = (vector for vector, _ in system.patterns)
-            named = list(zip(system.names_of_patterns, vectors, strict=True))
-            factors = system.factors(step.times[1] if time is None else time)
-            if time is None and step.rule == DISCRETE_GRADIENT:
-                factors = 0.5 * (factors + system.factors(step.times[0]))
-        products = factors * np.array(z.mDot([vector for _, vector in named])) if named else ()
-        for (name, _), product in zip(named, products, strict=True):
-            self._by_load[name] = self._by_load.get(name, 0.0) + float(product)
+    def _add_loads(self, loads: Sequence[LoadsAt], z: PETSc.Vec) -> None:
+        """Add the products of z with loads, and their derivatives (collective)."""
+        factors: dict[int, Any] = {}
+        for system, time, weight in loads:
+            factors[id(system)] = factors.get(id(system), 0.0) + weight * system.factors(time)
+        for system in {id(at.system): at.system for at in loads}.values():
+            vectors = [vector for vector, _ in system.patterns]
+            products = np.array(z.mDot(vectors)) if vectors else np.empty(0)
+            named = zip(system.names_of_patterns, factors[id(system)] * products, strict=True)
+            for name, product in named:
+                self._by_load[name] = self._by_load.get(name, 0.0) + float(product)
+        for name, slopes in self._slopes.items():
+            self._by_parameter[name] += slopes.of_loads(loads, z)
+
+    def _subtract_forces(self, z: PETSc.Vec, fields: Sequence[PETSc.Vec]) -> None:
+        """Subtract the derivatives of z.(K u + C v + M a) (collective)."""
+        for name, slopes in self._slopes.items():
+            self._by_parameter[name] -= slopes.of_forces(fields, z, self._work)
 
     def _leave_dynamics(self, k: int) -> None:
         """Pass the derivative by the first acceleration to the loads that cause it (collective).
@@ -242,11 +277,14 @@ class ReverseSweep:
         """
         step = self._tape.steps[k]
         if isinstance(step.scheme, Newmark):
-            z = balancing_acceleration(step.solver.system, self._a_bar)
-            self._add_loads(step, z, step.times[0])
-            if k:
-                z.scale(-1.0)
-                self._add_loads(self._tape.steps[k - 1], z)
+            system = step.solver.system
+            z = balancing_acceleration(system, self._a_bar)
+            static = self._tape.steps[k - 1].loads if k else ()
+            self._add_loads([LoadsAt(system, step.times[0], 1.0)], z)
+            self._add_loads([at._replace(weight=-at.weight) for at in static], z)
+            zero = self._work.duplicate()
+            zero.set(0.0)
+            self._subtract_forces(z, [zero, zero, self._tape.first_acceleration or zero])
         self._v_bar.set(0.0)
         self._a_bar.set(0.0)
 

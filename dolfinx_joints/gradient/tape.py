@@ -3,15 +3,17 @@
 """Record of a run for its gradients: joint states of all accepted steps, and observed values.
 
 The tape stores 41 bytes per joint point and step with Newmark's method and in statics, 81 bytes
-with `EnergyConsistent`. It stores no field of the body; static increments with partial loads also
-store these loads. The solvers of the stages, with their factors, stay in memory with the tape.
+with `EnergyConsistent`. It stores fields of the body only for derivatives by parameters of the
+model, and these in a temporary file. The solvers of the stages, with their factors, stay in memory
+with the tape.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Any
+from tempfile import TemporaryFile
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +22,9 @@ from petsc4py import PETSc
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import of_ranks, summed
-from dolfinx_joints.common.parameters import (
-    check_kind_of,
-    check_named,
-    check_number,
-    check_vector,
-    finite,
-    numbers_of,
-    shown,
-)
+from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.gradient.law_slopes import SLIP, SLIPS, SUPPORTED
+from dolfinx_joints.gradient.quantity import History
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     DISCRETE_GRADIENT,
@@ -40,6 +35,7 @@ from dolfinx_joints.laws.law import (
 from dolfinx_joints.mesh.joint_pairs import no_such_joint
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.monitors.probes import PointProbe, Probe, check_points
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
@@ -48,6 +44,16 @@ from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.step_solver import SolverAround, StepSolver
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
 from dolfinx_joints.time_integration.newmark import Newmark
+from dolfinx_joints.time_integration.products import combination
+from dolfinx_joints.time_integration.states import DynamicState
+
+
+class LoadsAt(NamedTuple):
+    """Loads of a system at a time [s], with a weight."""
+
+    system: MatrixSystem
+    time: float
+    weight: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,19 +64,19 @@ class Step:
         solver: Condensed solver of the stage.
         scheme: Time scheme, None in statics.
         times: Start and end [s].
+        loads: The loads of the step are the sum of these loads times their weights.
         dt: Length of the step [s], 0 in statics.
         rate: 2 / dt as used by `EnergyConsistent`, 0 otherwise [1/s].
         rate_before: The same for the last step, 0 at the start.
-        loads: Loads at the end of an increment with partial loads, by name [N]; else None.
     """
 
     solver: InterfaceSolver
     scheme: EnergyConsistent | Newmark | None
     times: tuple[float, float]
+    loads: Sequence[LoadsAt]
     dt: float = 0.0
     rate: float = 0.0
     rate_before: float = 0.0
-    loads: Mapping[str, PETSc.Vec] | None = None
 
     @property
     def rule(self) -> Rule:
@@ -93,79 +99,49 @@ class Step:
             return MatrixCoefficients(mass=mass, damping=damping, stiffness=1.0)
         return MatrixCoefficients(mass=0.5 * self.rate**2, damping=0.5 * self.rate, stiffness=0.5)
 
+    def fields(self, before: DynamicState, after: DynamicState) -> tuple[PETSc.Vec, ...]:
+        """Return the u, v, a that K, C and M multiply in the equation of a time step."""
+        ends = (after.displacement, after.velocity, after.acceleration)
+        if isinstance(self.scheme, Newmark):
+            return ends
+        half, rate = 0.5, 0.5 * self.rate
+        return (
+            combination((half, before.displacement), (half, after.displacement)),
+            combination((-rate, before.displacement), (rate, after.displacement)),
+            combination((-rate, before.velocity), (rate, after.velocity)),
+        )
+
     @property
     def slip_scale(self) -> float:
         """Factor of the step length by which the step rescales the last slips; 1 if it does not."""
         return self.rate_before / self.rate if self.rate_before else 1.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class History:
-    """Observed values after each accepted step of a run.
+class BodyFields:
+    """Fields of the body in the steps of a run, in a temporary file of this rank."""
 
-    Attributes:
-        times: Times [s], shape (steps,); in static stages the time of the loads.
-        static: Number of static increments, which come before the time steps.
-        values: Displacements (x, y, z) of the points and gaps (n, s1, s2) in the joints by name,
-            each of shape (steps, 3), [m].
-    """
+    def __init__(self) -> None:
+        """Open the file."""
+        self._file, self._starts = TemporaryFile(), [0]  # noqa: SIM115 - open as long as the tape
+        self._counts: list[int] = []
 
-    times: Floats
-    static: int
-    values: Mapping[str, Floats]
+    def append(self, fields: Sequence[PETSc.Vec]) -> None:
+        """Store the fields of a step."""
+        self._file.seek(self._starts[-1])
+        for vector in fields:
+            self._file.write(vector.getArray(readonly=True).tobytes())
+        self._starts.append(self._file.tell())
+        self._counts.append(len(fields))
 
-
-@dataclass(frozen=True, kw_only=True)
-class Quantity:
-    """Smooth function of a `History`, with its derivative.
-
-    Attributes:
-        value: Function that returns the quantity.
-        derivative: Function that returns the derivatives of the quantity by the observed values,
-            arrays of shape (steps, 3) by name.
-    """
-
-    value: Callable[[History], float]
-    derivative: Callable[[History], Mapping[str, Floats]]
-
-    def value_of(self, history: History) -> float:
-        """Return the quantity, or raise a ValueError if it is not a finite number."""
-        value = self.value(history)
-        check_number("The value of the quantity", value, lambda _: True, "a finite number")
-        return float(value)
-
-    def derivative_of(self, history: History) -> dict[str, Floats]:
-        """Return the derivatives by the observed values, or raise a ValueError."""
-        given = self.derivative(history)
-        check_named("The derivative of the quantity", given, "arrays by name")
-        weights = {}
-        for name, array in given.items():
-            if name not in history.values:
-                raise ValueError(not_observed(name, history))
-            values, shape = numbers_of(array), history.values[name].shape
-            fits = values is not None and values.shape == shape and finite(values)
-            wanted = f"finite numbers of shape {shape}"
-            check_kind_of(f"The derivative by {name!r}", array, fits, wanted)
-            weights[name] = np.asarray(array, dtype=np.float64)
-        return weights
-
-    @classmethod
-    def at_end(cls, name: str, component: int) -> Quantity:
-        """Return a component of an observed value at the end of the run, such as residual slip."""
-        if component not in (0, 1, 2):
-            raise ValueError(f"component is {shown(component)}; it must be 0, 1 or 2.")
-
-        def value(history: History) -> float:
-            if name not in history.values:
-                raise ValueError(not_observed(name, history))
-            return float(history.values[name][-1, component])
-
-        def derivative(history: History) -> dict[str, Floats]:
-            weights = np.zeros_like(history.values[name])
-            weights[-1, component] = 1.0
-            return {name: weights}
-
-        return cls(value=value, derivative=derivative)
+    def read(self, step: int, like: PETSc.Vec) -> list[PETSc.Vec]:
+        """Return the fields of a step as new vectors."""
+        self._file.seek(self._starts[step])
+        stored = self._file.read(self._starts[step + 1] - self._starts[step])
+        rows = np.frombuffer(stored).reshape(self._counts[step], like.getLocalSize())
+        vectors = [like.duplicate() for _ in rows]
+        for vector, row in zip(vectors, rows, strict=True):
+            vector.setArray(row)
+        return vectors
 
 
 @dataclass(eq=False, repr=False)
@@ -176,6 +152,7 @@ class Tape(Monitor):
         points: Points whose displacements are observed, by name: coordinates [m] or a `Probe`.
         gaps: Gaps that are observed, by name: a joint name for the mean over the area of the joint,
             or a joint name and coordinates [m] for its nearest point.
+        body: Also store the fields of the body, for derivatives by parameters of the model.
 
     Example:
         >>> from mpi4py import MPI
@@ -197,6 +174,7 @@ class Tape(Monitor):
     points: Mapping[str, Any] | None = None
     _: KW_ONLY
     gaps: Mapping[str, Any] | None = None
+    body: bool = False
     steps: list[Step] = field(default_factory=list, init=False)
     states: list[Floats] = field(default_factory=list, init=False)
     status: list[NDArray[np.int8]] = field(default_factory=list, init=False)
@@ -215,6 +193,11 @@ class Tape(Monitor):
         self._last: JointState | None = None
         self._local: list[Floats] = []
         self._ended = False
+        self._loads: Sequence[LoadsAt] = ()  # of the last increment, and of the last load step
+        self._loads_before: Sequence[LoadsAt] = ()
+        self._load_step: Any = None
+        self.first_acceleration: PETSc.Vec | None = None
+        self.fields = BodyFields() if self.body else None
 
     def check(self, model: Model) -> None:
         """Check that the laws are supported, and locate the observed values (collective)."""
@@ -237,11 +220,18 @@ class Tape(Monitor):
         _refuse("A static stage follows a dynamic stage", self._ended)
         _refuse("No joint acts in the stage", solved.before is None or solved.after is None)
         self._begin(solved.before, needs_balance=increment.share < 1.0)
-        time = increment.time or 0.0
-        loads = solved.loads[1] if increment.share < 1.0 else None
+        time, share = increment.time or 0.0, increment.share
         solver = _condensed(equilibrium.solver)
-        step = Step(solver=solver, scheme=None, times=(time, time), loads=loads)
-        self._end(step, solved.after, equilibrium.displacement)
+        # A ramp is one load step. Loads vary linearly over a load step.
+        load_step = solver, None if increment.time is None else increment.step
+        if load_step != self._load_step:
+            self._load_step, self._loads_before = load_step, self._loads
+        loads = [LoadsAt(solver.system, time, share)]
+        loads += [at._replace(weight=(1.0 - share) * at.weight) for at in self._loads_before]
+        self._loads = [at for at in loads if at.weight]
+        step = Step(solver=solver, scheme=None, times=(time, time), loads=self._loads)
+        u = equilibrium.displacement
+        self._end(step, solved.after, u, [u])
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
         """Refuse all stages but `statics` and `quasi_statics`, construction stages and jumps."""
@@ -271,15 +261,21 @@ class Tape(Monitor):
                 "exact modes, or Newmark."
             )
         self._begin(before.joints, needs_balance=newmark)
+        if newmark and (not self.steps or self.steps[-1].scheme is None):
+            self.first_acceleration = before.acceleration.copy()
+        solver, times = _condensed(stepper.solver), (before.time, after.time)
+        shares = (0.0, 1.0) if newmark else (0.5, 0.5)
         step = Step(
-            solver=_condensed(stepper.solver),
+            solver=solver,
             scheme=scheme,
-            times=(before.time, after.time),
+            times=times,
+            loads=[LoadsAt(solver.system, *at) for at in zip(times, shares, strict=True) if at[1]],
             dt=report.dt,
             rate=after.rate,
             rate_before=before.rate,
         )
-        self._end(step, after.joints, after.displacement)
+        fields = [] if self.fields is None else step.fields(before, after)
+        self._end(step, after.joints, after.displacement, fields)
 
     def _begin(self, before: Response, *, needs_balance: bool) -> None:
         """Check that a step starts from the last recorded state (collective)."""
@@ -294,11 +290,16 @@ class Tape(Monitor):
         _refuse("Initial overlaps load the body before a static stage of one step", bool(overlaps))
         self.states.append(_columns(state))
 
-    def _end(self, step: Step, joints: Response, displacement: PETSc.Vec) -> None:
+    def _end(
+        self, step: Step, joints: Response, displacement: PETSc.Vec, fields: Sequence[PETSc.Vec]
+    ) -> None:
+        """Store an accepted step, and the displacement at its end."""
         self.steps.append(step)
         self.states.append(_columns(joints.state))
         self.status.append(joints.status)
         self._local.append(self.probe.local(displacement))
+        if self.fields is not None:
+            self.fields.append(fields)
         self._last = joints.state
 
     def history(self) -> History:
@@ -314,11 +315,6 @@ class Tape(Monitor):
         static = sum(step.scheme is None for step in self.steps)
         times = np.array([step.times[1] for step in self.steps])
         return History(times=times, static=static, values=values)
-
-
-def not_observed(name: str, history: History) -> str:
-    """Return the message for a name that is not observed."""
-    return f"{name!r} is not observed; the names are {', '.join(history.values)}."
 
 
 def _refuse(case: str, given: bool) -> None:

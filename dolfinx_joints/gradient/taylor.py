@@ -24,8 +24,9 @@ from dolfinx_joints.common.parameters import (
 )
 from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.gradient.law_slopes import DERIVED, parameters_of
+from dolfinx_joints.gradient.quantity import Quantity
 from dolfinx_joints.gradient.reverse_sweep import Gradient, gradient_of
-from dolfinx_joints.gradient.tape import Quantity, Tape
+from dolfinx_joints.gradient.tape import Tape
 from dolfinx_joints.joints.law_points import LawPoints
 from dolfinx_joints.mesh.joint_pairs import no_such_joint
 from dolfinx_joints.model.model import Model

@@ -317,6 +317,7 @@ class Model(Summarised):
             bulk=self.bulk,
             patterns=[pattern for _, pattern in patterns],
             load_names=[name for name, _ in patterns],
+            loads=by_name,
             constrained=constraints.static_dofs if static else constraints.dofs,
             values=partial(constraints.values, static=static) if constraints.moves else None,
             symmetric=self._options.symmetric,

@@ -50,6 +50,7 @@ class MatrixSystem:
         bulk: Cells with nonlinear materials, or None. K contains their elastic stiffness.
         patterns: Nodal forces [N] with their factors, functions of time [s].
         load_names: Name of the load that each pattern belongs to; ``load`` for all by default.
+        loads: The acting loads by name.
         constrained: Owned constrained dofs, local numbers.
         values: Displacements [m] of the constrained dofs at a time [s]; zero by default.
         symmetric: Whether K and C are symmetric, apart from the coupling with reservoir waves.
@@ -74,6 +75,7 @@ class MatrixSystem:
     bulk: NonlinearBulk | None = None
     patterns: Sequence[Pattern] = ()
     load_names: Sequence[str] = ()
+    loads: Mapping[str, Load] = field(default_factory=dict)
     constrained: Ints = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     values: Callable[[float], Floats] | None = None
     symmetric: bool = True

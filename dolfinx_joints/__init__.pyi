@@ -30,6 +30,10 @@ from .common.mpi import abort_on_error as abort_on_error
 from .common.progress import set_log_level as set_log_level
 from .export.comparison import compare as compare
 from .export.tables import write_csv as write_csv
+from .gradient.model_slopes import frequencies as frequencies
+from .gradient.parametric import Parameter as Parameter
+from .gradient.parametric import ParametricModel as ParametricModel
+from .gradient.parametric import changed_model as changed_model
 from .gradient.quantity import Quantity as Quantity
 from .gradient.reverse_sweep import Gradient as Gradient
 from .gradient.reverse_sweep import gradient_of as gradient_of

@@ -51,9 +51,9 @@ def shaken(scheme=None, steps=60, dt=2e-3, **options):
     return run
 
 
-def recorded(run, model):
+def recorded(run, model, **options):
     """Return the tape of a run."""
-    tape = dj.Tape(POINTS, gaps=GAPS)
+    tape = dj.Tape(POINTS, gaps=GAPS, **options)
     run(model, tape)
     return tape
 

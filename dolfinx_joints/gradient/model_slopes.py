@@ -20,7 +20,7 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.gradient.law_slopes import parameters_of
 from dolfinx_joints.gradient.parametric import ParametricModel
-from dolfinx_joints.gradient.tape import LoadsAt
+from dolfinx_joints.gradient.tape import LoadsAt, Step
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.loads.load import load_names
 from dolfinx_joints.model.model import Model
@@ -35,10 +35,10 @@ class ModelSlopes:
         parametric: The parametric model.
         name: Name of the parameter.
         model: Model of the run.
-        systems: Systems of the run, for derivatives of their loads.
+        steps: Steps of the run, for derivatives of their loads and of C.
 
     Attributes:
-        stiffness, mass, damping: Derivatives of K, M and C, None if zero; C only with ``systems``.
+        stiffness, mass, damping: Derivatives of K, M and C, None if zero.
         tangent: Derivative of the tangents of closed, sticking points, shape (n, 3, 3).
         joints: Derivatives of the parameters of the joint points by name, shape (n,).
     """
@@ -48,7 +48,7 @@ class ModelSlopes:
         parametric: ParametricModel,
         name: str,
         model: Model,
-        systems: Sequence[MatrixSystem] = (),
+        steps: Sequence[Step] = (),
     ) -> None:
         """Compute the differences (collective)."""
         low, high, difference = parametric.around(name, parametric.values_of(model))
@@ -56,15 +56,15 @@ class ModelSlopes:
         self.stiffness = self._slope(low.stiffness, high.stiffness)
         self.mass = self._slope(low.mass, high.mass)
         self.damping: PETSc.Mat | None = None
-        if any(system.mass is not None for system in systems):
-            c = [m.system(only=()).damping for m in self._pair]
-            self.damping = self._slope(*c)
+        if any(step.scheme is not None for step in steps):
+            self.damping = self._slope(*(m.system(only=()).damping for m in self._pair))
         contacts = [m.contact for m in self._pair]
         values = [_joint_values(name, c, model.contact) for c in contacts]
         self.joints = {n: (values[1][n] - v) / difference for n, v in values[0].items()}
         tangents = [0.0 if c is None else c.closed_tangent() for c in contacts]
         self.tangent: Any = (tangents[1] - tangents[0]) / difference
-        self._loads = {id(s): self._patterns(s, model) for s in systems}
+        systems = {id(at.system): at.system for step in steps for at in step.loads}
+        self._loads = {key: self._patterns(s, model) for key, s in systems.items()}
         del self._pair
 
     def _slope(self, low: PETSc.Mat, high: PETSc.Mat) -> PETSc.Mat | None:
@@ -79,19 +79,20 @@ class ModelSlopes:
     def _patterns(self, system: MatrixSystem, model: Model) -> list[list[tuple[Any, Any]]]:
         """Return the patterns of the loads in both models, without those that are equal."""
         added = [load for load in system.loads.values() if all(load is not m for m in model.loads)]
-        pair = []
+        expected, pair = load_names([*model.loads, *added]), []
         for changed in self._pair:
             loads = [*changed.loads, *added]
             by_name = dict(zip(load_names(loads), loads, strict=True))
-            if missing := system.loads.keys() - by_name.keys():
+            if list(by_name) != expected:
                 raise JointsError(
-                    f"A parameter removes the load {missing.pop()!r}; it may only change loads."
+                    "A parameter adds or removes loads; it may only change them: "
+                    f"{', '.join(by_name) or 'no load'} instead of {', '.join(expected)}."
                 )
-            pair.append([(n, by_name[n]) for n in system.loads])
+            pair.append([by_name[n] for n in system.loads])
         low, high = self._pair
         same_body = low.stiffness is high.stiffness
         patterns: list[list[tuple[Any, Any]]] = [[], []]
-        for (_, load), (_, other) in zip(*pair, strict=True):
+        for load, other in zip(*pair, strict=True):
             if load is other and same_body:
                 continue
             for i, (changed, each) in enumerate(((low, load), (high, other))):

@@ -8,13 +8,10 @@ from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass
 from math import inf
-from typing import Annotated, Any
+from typing import Any
 from weakref import WeakKeyDictionary
 
-import annotated_types as at
-
 from dolfinx_joints.body.supports import Spring
-from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import check_kind_of, check_named, check_number, shown
 from dolfinx_joints.joints.contact import Contact
@@ -30,31 +27,32 @@ DIFFERENCE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-@checked
 class Parameter:
     """Uncertain number of a model.
 
     Attributes:
         value: Mean before any measurement; runs begin with it.
         deviation: Standard deviation before any measurement.
-        lower: Smallest value.
-        upper: Largest value.
+        lower: Smallest value; minus infinity by default.
+        upper: Largest value; infinity by default.
         unit: Unit, for tables.
     """
 
     value: float
-    deviation: Annotated[float, at.Gt(0)]
-    lower: Annotated[float, at.Ge(-inf)] = -inf
-    upper: Annotated[float, at.Le(inf)] = inf
+    deviation: float
+    lower: float = -inf
+    upper: float = inf
     unit: str = ""
 
     def __post_init__(self) -> None:
-        """Check the order of bounds and value."""
-        if not (self.lower <= self.value <= self.upper and self.lower < self.upper):
-            raise ValueError(
-                f"Parameter: value is {self.value:g}; it must be between lower, {self.lower:g}, "
-                f"and upper, {self.upper:g}."
-            )
+        """Check the numbers."""
+        check_number("Parameter: deviation", self.deviation, lambda x: x > 0.0, "positive")
+        between = f"a number from lower, {self.lower}, to upper, {self.upper}"
+        check_number("Parameter: value", self.value, self.allows, between)
+
+    def allows(self, value: float) -> bool:
+        """Return True if a value is between the bounds."""
+        return self.lower <= value <= self.upper and self.lower < self.upper
 
 
 class ParametricModel:
@@ -104,15 +102,11 @@ class ParametricModel:
         check_named("values", values or {}, "a number by parameter name")
         for name, value in (values or {}).items():
             if name not in self.parameters:
-                known = ", ".join(self.parameters)
-                raise ValueError(f"{shown(name)} is not a parameter; the parameters are {known}.")
-            lower, upper = self.parameters[name].lower, self.parameters[name].upper
-            check_number(
-                f"The parameter {name!r}",
-                value,
-                lambda x, lower=lower, upper=upper: lower <= x <= upper,  # type: ignore[misc]
-                f"a number from {lower:g} to {upper:g}",
-            )
+                names = ", ".join(self.parameters)
+                raise ValueError(f"{shown(name)} is not a parameter; the parameters are {names}.")
+            known = self.parameters[name]
+            between = f"a number from {known.lower:g} to {known.upper:g}"
+            check_number(f"The parameter {name!r}", value, known.allows, between)
         given = {name: parameter.value for name, parameter in self.parameters.items()}
         given |= {name: float(value) for name, value in (values or {}).items()}
         model = self._build(dict(given))

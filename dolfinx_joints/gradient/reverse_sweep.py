@@ -118,9 +118,8 @@ class ReverseSweep:
         if parametric is not None and tape.model is not None:
             if tape.fields is None:
                 raise JointsError("Derivatives by parameters of a model need Tape(..., body=True).")
-            systems = {id(at.system): at.system for step in tape.steps for at in step.loads}
             self._slopes = {
-                name: ModelSlopes(parametric, name, tape.model, list(systems.values()))
+                name: ModelSlopes(parametric, name, tape.model, tape.steps)
                 for name in parametric.parameters
             }
         self._by_parameter = dict.fromkeys(self._slopes, 0.0)

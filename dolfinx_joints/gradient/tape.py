@@ -137,7 +137,7 @@ class BodyFields:
         """Return the fields of a step as new vectors."""
         self._file.seek(self._starts[step])
         stored = self._file.read(self._starts[step + 1] - self._starts[step])
-        rows = np.frombuffer(stored).reshape(self._counts[step], like.getLocalSize())
+        rows = np.array(bytearray(stored)).view(float).reshape(self._counts[step], -1)
         vectors = [like.duplicate() for _ in rows]
         for vector, row in zip(vectors, rows, strict=True):
             vector.setArray(row)

@@ -24,6 +24,7 @@ from dolfinx_joints.common.parameters import (
 )
 from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.gradient.law_slopes import DERIVED, parameters_of
+from dolfinx_joints.gradient.parametric import ParametricModel
 from dolfinx_joints.gradient.quantity import Quantity
 from dolfinx_joints.gradient.reverse_sweep import Gradient, gradient_of
 from dolfinx_joints.gradient.tape import Tape
@@ -94,6 +95,7 @@ def taylor_test(
     change: Mapping[str, Any],
     *,
     gradient: Gradient | None = None,
+    parametric: ParametricModel | None = None,
     sizes: Sequence[float] = SIZES,
 ) -> TaylorTest:
     """Repeat a recorded run with changed parameters, and compare it with the gradient (collective).
@@ -104,9 +106,10 @@ def taylor_test(
         tape: Tape of the recorded run.
         quantity: The quantity.
         change: Change of each parameter by name: a number for all points, numbers by joint name,
-            or values of the local points, shape (n,). A load name with a number
-            changes the factor of this load.
+            or values of the local points, shape (n,). A number changes the factor of a load, or
+            a parameter of ``parametric``.
         gradient: Gradient of the quantity, if it is known; computed by default.
+        parametric: Parametric model that built the model of the run.
         sizes: Sizes h of the changes, descending, as parts of ``change``.
     """
     check_named("change", change, "changes by name of a parameter or load")
@@ -114,17 +117,24 @@ def taylor_test(
     descend = numbers is not None and numbers.ndim == 1 and (np.diff([*numbers, 0.0]) < 0.0).all()
     good = bool(descend) and len(sizes) > 1 and np.isfinite(sizes[0])
     check_kind_of("sizes", sizes, good, "two or more descending positive numbers")
-    gradient = gradient_of(tape, quantity) if gradient is None else gradient
+    gradient = gradient_of(tape, quantity, parametric) if gradient is None else gradient
     assert tape.model is not None
     fields, loads = _split(tape, gradient, change)
+    by_name = {name: loads.pop(name) for name in gradient.by_parameter if name in loads}
     comm = tape.contact.operator.comm
     of_points = [float(gradient.by_point[name] @ values) for name, values in fields.items()]
     linear = float(summed(comm, np.array([sum(of_points)]))[0])
     linear += sum(gradient.by_load[name] * factor for name, factor in loads.items())
+    linear += sum(gradient.by_parameter[name] * d for name, d in by_name.items())
     changes, flipped = [], []
     for size in map(float, sizes):
         again = Tape(tape.points, gaps=tape.gaps)
-        run(changed_model(tape.model, fields, loads, size), again)
+        model = tape.model
+        if by_name and parametric is not None:
+            values = parametric.values_of(model)
+            changed = {name: values[name] + size * d for name, d in by_name.items()}
+            model = parametric.model(values | changed)
+        run(_with_changes(model, fields, loads, size) if fields or loads else model, again)
         changes.append(quantity.value_of(again.history()) - gradient.value)
         if len(again.steps) != len(tape.steps):
             flipped.append(-1)
@@ -136,8 +146,8 @@ def taylor_test(
     )
 
 
-def changed_model(
-    model: Model, fields: Mapping[str, Floats], loads: Mapping[str, float], size: float = 1.0
+def _with_changes(
+    model: Model, fields: Mapping[str, Floats], loads: Mapping[str, float], size: float
 ) -> Model:
     """Return a copy of a model with changed parameters (collective).
 
@@ -188,7 +198,7 @@ def _split(
     loads: dict[str, float] = {}
     for name, values in change.items():
         label = f"The change of {name!r}"
-        if name in gradient.by_load:
+        if name in gradient.by_load or name in gradient.by_parameter:
             check_number(label, values, lambda _: True, "a finite number")
             loads[name] = float(values)
         elif name in gradient.by_point and isinstance(values, Mapping):
@@ -202,6 +212,6 @@ def _split(
             with raised_together(operator.comm):
                 fields[name] = check_each(label, values, len(operator.joint))
         else:
-            names = ", ".join([*gradient.by_point, *gradient.by_load])
+            names = ", ".join([*gradient.by_point, *gradient.by_load, *gradient.by_parameter])
             raise ValueError(f"{shown(name)} is not a parameter; the gradient contains {names}.")
     return fields, loads

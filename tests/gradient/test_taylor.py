@@ -36,11 +36,13 @@ CHANGES = {
 SCHEMES = [dj.EnergyConsistent(), dj.Newmark()]
 
 
-def second_order(run, tape, quantity, change, gradient, sizes=(1.0, 0.5)):
+def second_order(run, tape, quantity, change, gradient, sizes=(1.0, 0.5), **options):
     """Check the orders for a change, divided by 4 as long as statuses differ."""
     for part in 0.25 ** np.arange(6):
         parts = part * np.array(sizes)
-        test = dj.taylor_test(run, tape, quantity, change, gradient=gradient, sizes=parts)
+        test = dj.taylor_test(
+            run, tape, quantity, change, gradient=gradient, sizes=parts, **options
+        )
         if not test.flipped.any():
             break
     assert not test.flipped.any()

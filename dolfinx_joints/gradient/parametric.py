@@ -160,9 +160,9 @@ def changed_model(model: Model, **arguments: Any) -> Model:
     joints = given["joints"]
     joints = given["joints"] = joints if isinstance(joints, Joints) else Joints(joints)
     others = model.parameters.keys() - kept - {"joints", "loads"}
-    others |= {"laws"} if joints.laws is None or model.operator is None else set()
     others |= {"rule"} if joints.quadrature != model.parameters["joints"].quadrature else set()
-    if others or model.bulk is not None or model.damped_modes is not None:
+    others |= {"laws"} if model.bulk is not None or model.damped_modes is not None else set()
+    if others or joints.laws is None or model.operator is None:
         return Model(model.jointed, **given)
     check_joints(model.jointed, joints.laws, joints.initial_gaps)
     changed = copy(model)

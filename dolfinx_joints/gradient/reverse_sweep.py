@@ -206,7 +206,7 @@ class ReverseSweep:
         joint_bar[:] = 0.0
         joint_bar[:, :columns] = start_bar
         self._add_loads(step.loads, z)
-        if self._slopes:
+        if self._slopes and self._tape.fields is not None:
             self._subtract_forces(z, self._tape.fields.read(k, z))
 
     def _solve(self, step: Step, gap_bar: Floats, tangent: Floats) -> tuple[PETSc.Vec, Floats]:

@@ -275,6 +275,11 @@ class JointedMesh(Summarised):
         return tuple(sorted({self.joint_names.index(name) for name in names}))
 
     @cached_property
+    def shared(self) -> dict[Any, Any]:
+        """Data of the mesh that models of it share, by key; see their users."""
+        return {}
+
+    @cached_property
     def _surfaces(self) -> dict[tuple[int, ...], JointSurface]:
         """Existing surfaces, by the positions of their joints."""
         return {}

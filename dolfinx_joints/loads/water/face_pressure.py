@@ -155,7 +155,14 @@ class WestergaardMass:
 
 
 def _pressure(model: LoadedBody, group: str, level: float, weight: float) -> PETSc.Vec:
-    """Return the nodal forces of a pressure of ``weight`` [N/m^3] times the depth (collective)."""
+    """Return the nodal forces of a pressure of ``weight`` [N/m^3] times the depth (collective).
+
+    Stages and models of a mesh share the forces, whose integration over wet facets is slow.
+    """
+    key = ("pressure", group, level, weight, model.V.ufl_element().degree)
+    if key in model.jointed.shared:
+        kept: PETSc.Vec = model.jointed.shared[key]
+        return kept.copy()
     faces = wetted_facets(model.V, model.jointed, group, level)
     force = model.mass.createVecRight()
     blocks = model.V.dofmap.index_map
@@ -167,4 +174,5 @@ def _pressure(model: LoadedBody, group: str, level: float, weight: float) -> PET
     dofs = model.gdim * number[:, None] + np.arange(model.gdim)
     force.setValues(dofs.ravel().astype(PETSc.IntType), local.ravel(), addv=True)
     force.assemble()
-    return force
+    model.jointed.shared[key] = force
+    return force.copy()

@@ -134,11 +134,16 @@ from .simulation.simulation import Simulation as Simulation
 from .solvers.interface.uniqueness import critical_friction as critical_friction
 from .solvers.step_solver import SolverOptions as SolverOptions
 from .study.accuracy import accuracy as accuracy
+from .study.calibration import Calibration as Calibration
+from .study.calibration import calibrate as calibrate
 from .study.controlled_statics import ControlledDisplacement as ControlledDisplacement
 from .study.controlled_statics import ControlledGap as ControlledGap
 from .study.controlled_statics import controlled_statics as controlled_statics
 from .study.factor_of_safety import FactorOfSafety as FactorOfSafety
 from .study.factor_of_safety import factor_of_safety as factor_of_safety
+from .study.misfit import Misfit as Misfit
+from .study.readings import Readings as Readings
+from .study.readings import read_series as read_series
 from .time_integration.midpoint import EnergyConsistent as EnergyConsistent
 from .time_integration.midpoint import ImplicitContact as ImplicitContact
 from .time_integration.newmark import GeneralizedAlpha as GeneralizedAlpha

@@ -1,0 +1,191 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Calibration of the parameters of a model by readings of instruments and natural frequencies.
+
+Readings and parameters are taken as normally distributed. The calibrated parameters minimise (47),
+the misfit of readings and parameters; their covariance (48) is that of the model linearised there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+
+from dolfinx_joints.common.arrays import Floats
+from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.common.summary import Rows, Summarised
+from dolfinx_joints.gradient.quantity import Quantity
+from dolfinx_joints.gradient.reverse_sweep import gradient_of
+from dolfinx_joints.gradient.tape import Tape
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.study.misfit import Misfit
+
+# Change of a parameter in the differences for the posterior, relative to its prior deviation: large
+# against rounding errors, small against the changes at which many points open or close.
+DIFFERENCE = 0.02
+
+# Decrease of the misfit in one iteration that ends the search. The misfit changes by 0.5 at one
+# posterior deviation.
+DECREASE = 1e-3
+
+# Largest number of iterations; each needs one run, sometimes two.
+ITERATIONS = 200
+
+# Combinations of parameters with a smaller singular value are known rather from the prior.
+UNDETERMINED = 1.0
+
+
+class Prediction(NamedTuple):
+    """Predicted quantity, and its standard deviation due to that of the parameters."""
+
+    value: float
+    deviation: float
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Calibration(Summarised):
+    """Calibrated parameters, and what the readings tell about them.
+
+    Attributes:
+        misfit: The misfit function, with parameters, readings and runs.
+        values: Calibrated parameters by name.
+        computed: Computed values of all readings, then frequencies, shape (m,).
+        jacobian: Derivatives of (computed values / deviations) by x, shape (m, n).
+    """
+
+    misfit: Misfit
+    values: Mapping[str, float]
+    computed: Floats
+    jacobian: Floats
+
+    @property
+    def covariance(self) -> Floats:
+        """Posterior covariance of the parameters (48), shape (n, n)."""
+        precision = self.jacobian.T @ self.jacobian + np.eye(len(self.values))
+        scale: Floats = self.misfit.deviations
+        return np.linalg.inv(precision) * np.outer(scale, scale)
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Posterior standard deviations of the parameters by name."""
+        return dict(zip(self.values, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    @property
+    def singular_values(self) -> Floats:
+        """Singular values of the Jacobian, descending, shape (n,).
+
+        The posterior deviation of a combination of parameters is 1 / sqrt(1 + s^2) of the prior.
+        """
+        return self._directions()[0]
+
+    @property
+    def undetermined(self) -> list[dict[str, float]]:
+        """Combinations of the scaled parameters that the readings do not determine.
+
+        Each is a unit vector by parameter name, without entries below 0.1.
+        """
+        s, directions = self._directions()
+        return [
+            {n: float(v) for n, v in zip(self.values, row, strict=True) if abs(v) >= 0.1}
+            for value, row in zip(s, directions, strict=True)
+            if value < UNDETERMINED
+        ]
+
+    def _directions(self) -> tuple[Floats, Floats]:
+        """Return singular values and right singular vectors, one for each parameter."""
+        n = len(self.values)
+        padded = np.vstack([self.jacobian, np.zeros((n, n))])
+        _, s, directions = np.linalg.svd(padded, full_matrices=False)
+        return s, directions
+
+    @property
+    def at_bounds(self) -> list[str]:
+        """Parameters at one of their bounds."""
+        ends = zip(self.values.items(), self.misfit.ends, strict=True)
+        return [name for (name, value), pair in ends if value in pair]
+
+    @property
+    def fits(self) -> dict[str, float]:
+        """Root mean square of (computed - measured) / deviation by instrument; 1 is expected."""
+        residuals = (self.computed - self.misfit.measured) / self.misfit.errors
+        parts = np.split(residuals, np.cumsum(self.misfit.sizes)[:-1])
+        named = zip(self.misfit.groups, parts, strict=True)
+        return {name: float(np.sqrt(np.mean(part**2))) for name, part in named}
+
+    def model(self) -> Model:
+        """Return the calibrated model (collective)."""
+        return self.misfit.parametric.model(self.values)
+
+    def predict(self, tape: Tape, quantity: Quantity) -> Prediction:
+        """Predict a quantity of a run of the calibrated model (collective).
+
+        Args:
+            tape: Tape(..., body=True) of a run of `model`.
+            quantity: The quantity. Its deviation is that of the linearised quantity.
+        """
+        gradient = gradient_of(tape, quantity, self.misfit.parametric)
+        slope = np.array([gradient.by_parameter[name] for name in self.values])
+        return Prediction(gradient.value, float(np.sqrt(slope @ self.covariance @ slope)))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the parameters with prior and posterior, as rows of a table."""
+        known = self.misfit.parametric.parameters
+        return [
+            {
+                "parameter": name,
+                "unit": known[name].unit,
+                "prior": known[name].value,
+                "prior deviation": known[name].deviation,
+                "calibrated": value,
+                "deviation": self.deviations[name],
+                "at bound": name in self.at_bounds,
+            }
+            for name, value in self.values.items()
+        ]
+
+    def _summary(self) -> Rows:
+        for row in self.rows():
+            bound = ", at its bound" if row["at bound"] else ""
+            yield (
+                row["parameter"],
+                f"{row['calibrated']:.5g} +- {row['deviation']:.2g} {row['unit']}{bound} (prior "
+                f"{row['prior']:.5g} +- {row['prior deviation']:.2g})",
+            )
+        for name, fit in self.fits.items():
+            yield f"fit of {name}", f"{fit:.2f} deviations"
+        yield "not determined", f"{len(self.undetermined)} of {len(self.values)} combinations"
+        yield "runs", self.misfit.runs
+
+
+def calibrate(misfit: Misfit) -> Calibration:
+    """Minimise a misfit by SciPy's L-BFGS-B, and compute the posterior (collective).
+
+    The search begins at the means. Each evaluation is one run and one reverse sweep; the posterior
+    needs one run per parameter. Evaluations in the folder of the misfit are not repeated, so a
+    search that was interrupted continues with the same call.
+
+    Raises:
+        JointsError: A run failed; the message has its parameters.
+    """
+    check_kind_of("misfit", misfit, isinstance(misfit, Misfit), "a Misfit")
+    start = np.zeros(len(misfit.names))
+    options = {"ftol": DECREASE / max(1.0, 0.5 * len(misfit.measured)), "gtol": 0.0}
+    found = minimize(
+        misfit, start, jac=True, bounds=misfit.bounds, method="L-BFGS-B", options=options
+    )
+    best = misfit.evaluate(found.x)
+    columns = []
+    for i, (_, upper) in enumerate(misfit.bounds):
+        step = DIFFERENCE if found.x[i] + DIFFERENCE <= upper else -DIFFERENCE
+        changed = misfit.evaluate(found.x + step * np.eye(len(start))[i], gradient=False)
+        columns.append((changed.computed - best.computed) / (step * misfit.errors))
+    return Calibration(
+        misfit=misfit,
+        values=misfit.values(found.x),
+        computed=best.computed,
+        jacobian=np.column_stack(columns),
+    )

@@ -1,0 +1,216 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Misfit of readings, natural frequencies and parameters (47), with its gradient."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dolfinx_joints.common.arrays import Floats
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.mpi import raised_together
+from dolfinx_joints.common.parameters import check_kind_of, finite, numbers_of
+from dolfinx_joints.gradient.model_slopes import frequencies
+from dolfinx_joints.gradient.parametric import ParametricModel
+from dolfinx_joints.gradient.quantity import History, Quantity
+from dolfinx_joints.gradient.reverse_sweep import gradient_of
+from dolfinx_joints.gradient.tape import Tape
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.model.modes import modes
+from dolfinx_joints.study.readings import Readings
+
+
+class Evaluation(NamedTuple):
+    """Computed values of a run, the misfit, and its derivatives by x (NaN if not computed)."""
+
+    computed: Floats
+    misfit: float
+    gradient: Floats
+
+
+class Misfit:
+    """Misfit (47) as a function of x = (parameter - mean) / deviation, shape (n,).
+
+    It can be passed to optimisers that need a function which returns value and gradient, such as
+    ``scipy.optimize.minimize(misfit, x, jac=True)``.
+
+    Args:
+        parametric: The parametric model.
+        run: Function of a model and a tape that runs a `Simulation` with the tape as a monitor.
+        readings: Readings of the instruments.
+        points: Points of the tape.
+        gaps: Gaps of the tape.
+        measured_frequencies: Lowest natural frequencies and their standard deviations [Hz], shape
+            (m, 2); those of the model are computed with closed joints.
+        folder: Folder of the evaluations. Evaluations that exist are read and not repeated.
+    """
+
+    def __init__(
+        self,
+        parametric: ParametricModel,
+        run: Callable[[Model, Tape], Any],
+        readings: Sequence[Readings],
+        *,
+        points: Mapping[str, Any] | None = None,
+        gaps: Mapping[str, Any] | None = None,
+        measured_frequencies: Any = (),
+        folder: str | Path,
+    ) -> None:
+        """Check the arguments, and read the evaluations in the folder (collective)."""
+        kind = isinstance(parametric, ParametricModel)
+        check_kind_of("parametric", parametric, kind, "a ParametricModel")
+        check_kind_of("run", run, callable(run), "a function of a model and a tape")
+        good = isinstance(readings, Sequence) and all(isinstance(r, Readings) for r in readings)
+        check_kind_of("readings", readings, good, "a sequence of Readings")
+        pairs = _pairs(measured_frequencies)
+        if not readings and not len(pairs):
+            raise ValueError("The calibration has no readings and no frequencies.")
+        self.parametric, self.run, self.readings = parametric, run, list(readings)
+        self._observed: dict[str, Any] = {"points": points, "gaps": gaps}
+        self.names = list(parametric.parameters)
+        of_parameters = parametric.parameters.values()
+        self.means = np.array([p.value for p in of_parameters])
+        self.deviations = np.array([p.deviation for p in of_parameters])
+        self.ends = np.array([(p.lower, p.upper) for p in of_parameters])
+        self.groups = [f"{r.of}, component {r.component}" for r in self.readings]
+        self.sizes = [len(r.series[0]) for r in self.readings]
+        self.modes = len(pairs)
+        if self.modes:
+            self.groups, self.sizes = [*self.groups, "frequencies"], [*self.sizes, self.modes]
+        self.measured = np.concatenate([*(r.series[1] for r in self.readings), pairs[:, 0]])
+        self.errors = np.concatenate([*(np.ravel(r.deviation) for r in self.readings), pairs[:, 1]])
+        self._comm = parametric.model().jointed.mesh.comm
+        self._folder, self._known = Path(folder), self._read(Path(folder))
+
+    @property
+    def runs(self) -> int:
+        """Number of runs, those of earlier calls included."""
+        return len(self._known)
+
+    def values(self, x: Floats) -> dict[str, float]:
+        """Return the parameters by name."""
+        numbers = np.clip(self.means + self.deviations * x, *self.ends.T)
+        return dict(zip(self.names, numbers.tolist(), strict=True))
+
+    @property
+    def bounds(self) -> Floats:
+        """Bounds of x, shape (n, 2)."""
+        scaled: Floats = (self.ends - self.means[:, None]) / self.deviations[:, None]
+        return scaled
+
+    def __call__(self, x: Any) -> tuple[float, Floats]:
+        """Return the misfit and its gradient (collective)."""
+        evaluation = self.evaluate(x)
+        return evaluation.misfit, evaluation.gradient.copy()
+
+    def evaluate(self, x: Any, *, gradient: bool = True) -> Evaluation:
+        """Run the model, or return the evaluation of a former run (collective)."""
+        x = np.array(x, dtype=float)
+        for known, evaluation in self._known:
+            if np.array_equal(known, x) and (not gradient or finite(evaluation.gradient)):
+                return evaluation
+        try:
+            evaluation = self._computed(x, gradient)
+        except JointsError as error:
+            values = ", ".join(f"{n} = {v:.6g}" for n, v in self.values(x).items())
+            raise JointsError(f"The run with {values} failed: {error}") from error
+        evaluation = Evaluation(*self._comm.bcast(evaluation))
+        self._known.append((x, evaluation))
+        with raised_together(self._comm):
+            if self._comm.rank == 0:
+                path = self._folder / f"run_{len(self._known):04d}.npz"
+                np.savez(path, x=x, **evaluation._asdict())
+        return evaluation
+
+    def _computed(self, x: Floats, gradient: bool) -> Evaluation:
+        """Run the model, and sweep back for the gradient (collective)."""
+        values, slope = self.values(x), np.zeros(len(x))
+        computed, model = np.empty(0), self.parametric.model(values)
+        tape = Tape(**self._observed, body=gradient) if self.readings else None
+        if tape is not None:
+            self.run(model, tape)
+            history = tape.history()
+            computed = np.concatenate([r.computed(history) for r in self.readings])
+        count, slopes = len(computed), np.empty(0)
+        if self.modes and gradient:
+            f, slopes = frequencies(self.parametric, values, self.modes)
+            computed = np.append(computed, f)
+        elif self.modes:
+            found = modes(model.system(only=()), self.modes)
+            computed = np.append(computed, found.frequencies)
+        residuals = (computed - self.measured) / self.errors
+        misfit = 0.5 * float(residuals @ residuals + x @ x)
+        if not gradient:
+            return Evaluation(computed, misfit, np.full(len(x), np.nan))
+        if self.modes:
+            slope += (residuals / self.errors)[count:] @ slopes
+        if tape is not None:
+            swept = gradient_of(tape, self._quantity(residuals / self.errors), self.parametric)
+            slope += [swept.by_parameter[name] for name in self.names]
+        return Evaluation(computed, misfit, self.deviations * slope + x)
+
+    def _quantity(self, weights: Floats) -> Quantity:
+        """Return the sum of weights times computed values; its derivative is that of (47)."""
+
+        def derivative(history: History) -> dict[str, Floats]:
+            total: dict[str, Floats] = {}
+            start = 0
+            for reading, size in zip(self.readings, self.sizes, strict=False):
+                part = weights[start : start + size] @ reading.weights(history)
+                start += size
+                array = total.setdefault(reading.of, np.zeros_like(history.values[reading.of]))
+                array[:, reading.component] += part
+            return total
+
+        def value(history: History) -> float:
+            return float(sum((w * history.values[n]).sum() for n, w in derivative(history).items()))
+
+        return Quantity(value=value, derivative=derivative)
+
+    def _read(self, folder: Path) -> list[tuple[Floats, Evaluation]]:
+        """Return the evaluations in a folder, after a check of their settings (collective)."""
+        settings = {
+            "names": np.array(self.names),
+            "means": self.means,
+            "deviations": self.deviations,
+            "measured": self.measured,
+            "errors": self.errors,
+            "groups": np.array(self.groups),
+            "times": np.concatenate([[], *(r.series[0] for r in self.readings)]),
+        }
+        known: list[tuple[Floats, Evaluation]] = []
+        with raised_together(self._comm):
+            if self._comm.rank == 0:
+                folder.mkdir(parents=True, exist_ok=True)
+                path = folder / "settings.npz"
+                if not path.exists():
+                    np.savez(path, **settings)
+                with np.load(path) as stored:
+                    same = all(np.array_equal(stored[n], s) for n, s in settings.items())
+                if not same:
+                    raise JointsError(
+                        f"{folder} contains a calibration with other parameters or readings; give "
+                        "another folder."
+                    )
+                for file in sorted(folder.glob("run_*.npz")):
+                    with np.load(file) as s:
+                        parts = s["computed"], float(s["misfit"]), s["gradient"]
+                        known.append((s["x"], Evaluation(*parts)))
+        found: list[tuple[Floats, Evaluation]] = self._comm.bcast(known)
+        return found
+
+
+def _pairs(given: Any) -> Floats:
+    """Return measured frequencies and their deviations, shape (m, 2)."""
+    pairs = numbers_of(given)
+    if pairs is not None and not pairs.size:
+        return np.empty((0, 2))
+    good = pairs is not None and pairs.ndim == 2 and pairs.shape[1] == 2
+    good = good and finite(pairs) and bool((np.asarray(pairs) > 0.0).all())
+    wanted = "pairs of a positive frequency and its deviation"
+    check_kind_of("measured_frequencies", given, good, wanted)
+    return np.asarray(pairs, dtype=float)

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 
 from dolfinx_joints.common.arrays import Floats
+from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.gradient.quantity import Quantity
@@ -146,6 +148,15 @@ class Calibration(Summarised):
             }
             for name, value in self.values.items()
         ]
+
+    def report(self, out: str | Path) -> Path:
+        """Write a report, an HTML file with tables and a picture of the readings (collective)."""
+        from dolfinx_joints.study.calibration_report import write
+
+        with raised_together(self.misfit.comm):
+            if self.misfit.comm.rank == 0:
+                write(self, Path(out))
+        return Path(out)
 
     def _summary(self) -> Rows:
         for row in self.rows():

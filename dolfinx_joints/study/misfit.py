@@ -83,7 +83,7 @@ class Misfit:
             self.groups, self.sizes = [*self.groups, "frequencies"], [*self.sizes, self.modes]
         self.measured = np.concatenate([*(r.series[1] for r in self.readings), pairs[:, 0]])
         self.errors = np.concatenate([*(np.ravel(r.deviation) for r in self.readings), pairs[:, 1]])
-        self._comm = parametric.model().jointed.mesh.comm
+        self.comm = parametric.model().jointed.mesh.comm
         self._folder, self._known = Path(folder), self._read(Path(folder))
 
     @property
@@ -118,10 +118,10 @@ class Misfit:
         except JointsError as error:
             values = ", ".join(f"{n} = {v:.6g}" for n, v in self.values(x).items())
             raise JointsError(f"The run with {values} failed: {error}") from error
-        evaluation = Evaluation(*self._comm.bcast(evaluation))
+        evaluation = Evaluation(*self.comm.bcast(evaluation))
         self._known.append((x, evaluation))
-        with raised_together(self._comm):
-            if self._comm.rank == 0:
+        with raised_together(self.comm):
+            if self.comm.rank == 0:
                 path = self._folder / f"run_{len(self._known):04d}.npz"
                 np.savez(path, x=x, **evaluation._asdict())
         return evaluation
@@ -183,8 +183,8 @@ class Misfit:
             "times": np.concatenate([[], *(r.series[0] for r in self.readings)]),
         }
         known: list[tuple[Floats, Evaluation]] = []
-        with raised_together(self._comm):
-            if self._comm.rank == 0:
+        with raised_together(self.comm):
+            if self.comm.rank == 0:
                 folder.mkdir(parents=True, exist_ok=True)
                 path = folder / "settings.npz"
                 if not path.exists():
@@ -200,7 +200,7 @@ class Misfit:
                     with np.load(file) as s:
                         parts = s["computed"], float(s["misfit"]), s["gradient"]
                         known.append((s["x"], Evaluation(*parts)))
-        found: list[tuple[Floats, Evaluation]] = self._comm.bcast(known)
+        found: list[tuple[Floats, Evaluation]] = self.comm.bcast(known)
         return found
 
 

@@ -86,7 +86,7 @@ def test_linear_regression(new_path):
     assert value == pytest.approx(-4.0 * PRESSURE * data / precision, rel=1e-6)
     assert deviation == pytest.approx(4.0 * PRESSURE * expected, rel=1e-6)
     text = str(calibration)
-    assert "flexibility" in text and "m/Pa" in text and "0 of 1 combinations" in text
+    assert all(part in text for part in ("flexibility", "m/Pa", "0 of 1 combinations"))
 
 
 def test_other_optimisers(tmp_path):
@@ -260,3 +260,23 @@ def test_files_with_errors(tmp_path, text, message):
         dj.read_series(path)
     with pytest.raises(dj.RecordError, match="cannot be read"):
         dj.read_series(tmp_path / "none.csv")
+
+
+def test_report(tmp_path):
+    """Numbers of the page are those of the calibration."""
+    calibration = dj.calibrate(misfit(tmp_path / "runs", upper=1.1 / STIFFNESS)[0])
+    page = calibration.report(tmp_path / "calibration.html").read_text()
+    value, deviation = (calibration.values, calibration.deviations)
+    for text in (
+        "flexibility",
+        "m/Pa",
+        f"{value['flexibility']:.5g}",
+        f"{deviation['flexibility']:.2g}",
+        f"{calibration.fits['gap, component 0']:.2f}",
+        f"{calibration.singular_values[0]:.3g}",
+        "gap, component 0",
+        "data:image/png",
+        ">yes<",
+    ):
+        assert text in page
+    assert (tmp_path / "calibration_files" / "readings.png").exists()

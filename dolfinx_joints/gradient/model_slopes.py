@@ -24,7 +24,7 @@ from dolfinx_joints.gradient.tape import LoadsAt, Step
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.loads.load import load_names
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.model.modes import SAME_FREQUENCY, modes
+from dolfinx_joints.model.modes import SAME_FREQUENCY, modes, number_of_modes
 from dolfinx_joints.model.system import MatrixSystem, as_aij
 
 
@@ -154,15 +154,18 @@ def frequencies(
         JointsError: Two frequencies are equal, so that they have no derivatives.
     """
     model = parametric.model(values)
-    found = modes(model.system(only=()), count)
+    system = model.system(only=())
+    next_too = min(count + 1, number_of_modes(system))
+    found = modes(system, max(count, next_too))
     f = found.frequencies
     if (np.diff(f) < SAME_FREQUENCY * f[1:]).any():
         raise JointsError(f"Equal frequencies have no derivatives: {f.round(6).tolist()} Hz.")
+    f, shapes = f[:count], found.shapes[:count]
     derivatives = np.zeros((count, len(parametric.parameters)))
-    work = found.shapes[0].duplicate()
+    work = shapes[0].duplicate()
     for j, name in enumerate(parametric.parameters):
         slopes = ModelSlopes(parametric, name, model)
-        for i, shape in enumerate(found.shapes):
+        for i, shape in enumerate(shapes):
             omega = 2.0 * math.pi * f[i]
             change = slopes.of_forces([shape], shape, work)
             if slopes.mass is not None:

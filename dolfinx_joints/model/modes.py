@@ -97,7 +97,7 @@ def modes(system: MatrixSystem, count: Annotated[int, at.Ge(1)]) -> Modes:
         array([5.])
     """
     check_system(system)
-    mode_count = _number_of_modes(system)
+    mode_count = number_of_modes(system)
     if count > mode_count:
         raise ValueError(f"count is {count}; the system has {mode_count} modes.")
     return _lowest(system, count, 0.0)
@@ -109,7 +109,7 @@ def whole_groups(system: MatrixSystem, count: int) -> Modes:
     A group has equal frequencies, and the order of its modes depends on rounding. Unsupported
     blocks are allowed; their rigid-body modes have the frequency zero.
     """
-    mode_count = _number_of_modes(system)
+    mode_count = number_of_modes(system)
     traces = [float(m.getDiagonal().sum()) for m in (system.stiffness, system.mass)]
     shift = SHIFT * traces[0] / traces[1] or 1.0
     lowest = _lowest(system, min(count + 1, mode_count), -shift)
@@ -124,7 +124,7 @@ def whole_groups(system: MatrixSystem, count: int) -> Modes:
 
 def too_few(system: MatrixSystem, count: int) -> ValueError:
     """Return the error for a ``count`` that splits the lowest group of modes (collective)."""
-    requested, mode_count = count, _number_of_modes(system)
+    requested, mode_count = count, number_of_modes(system)
     frequencies: NDArray[np.float64] = np.empty(0)
     while not frequencies.size:
         requested = min(2 * requested, mode_count)
@@ -137,7 +137,8 @@ def too_few(system: MatrixSystem, count: int) -> ValueError:
     )
 
 
-def _number_of_modes(system: MatrixSystem) -> int:
+def number_of_modes(system: MatrixSystem) -> int:
+    """Return the number of unconstrained dofs with mass (collective)."""
     without = np.union1d(system.constrained, system.massless)
     count = system.mass.getLocalSize()[0] - len(without)
     return int(sum(system.mass.comm.tompi4py().allgather(count)))
@@ -194,7 +195,7 @@ def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
     _find(solver, count, values, shapes)
     # A Krylov space may miss some modes of equal frequency. Deflate the modes found so far and
     # search for another one at the same frequency.
-    mode_count, last = _number_of_modes(system), values[-1] - target
+    mode_count, last = number_of_modes(system), values[-1] - target
     while len(values) < mode_count:
         solver.setDeflationSpace(shapes)
         solver.setDimensions(1)

@@ -32,7 +32,7 @@ DIFFERENCE = 0.02
 
 # Decrease of the misfit in one iteration that ends the search. The misfit changes by 0.5 at one
 # posterior deviation.
-DECREASE = 1e-3
+DECREASE = 1e-2
 
 # Largest number of iterations; each needs one run, sometimes two.
 ITERATIONS = 200
@@ -74,7 +74,8 @@ class Calibration(Summarised):
     @property
     def deviations(self) -> dict[str, float]:
         """Posterior standard deviations of the parameters by name."""
-        return dict(zip(self.values, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+        variances: Any = np.diag(self.covariance)
+        return dict(zip(self.values, np.sqrt(variances).tolist(), strict=True))
 
     @property
     def singular_values(self) -> Floats:
@@ -107,8 +108,8 @@ class Calibration(Summarised):
     @property
     def at_bounds(self) -> list[str]:
         """Parameters at one of their bounds."""
-        ends = zip(self.values.items(), self.misfit.ends, strict=True)
-        return [name for (name, value), pair in ends if value in pair]
+        named = zip(self.values.items(), self.misfit.ends, strict=True)
+        return [name for (name, value), pair in named if value in pair]
 
     @property
     def fits(self) -> dict[str, float]:

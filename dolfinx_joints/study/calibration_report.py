@@ -5,22 +5,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from dolfinx_joints.report.page import Drawings, Html, Section, figure, page, paragraph, table
 from dolfinx_joints.report.writing import picture_folder
 
-if TYPE_CHECKING:
-    from dolfinx_joints.study.calibration import Calibration
-
 DAY = 86400.0
 COLUMNS = 3  # panels side by side
 
 
-def write(calibration: Calibration, out: Path) -> Path:
-    """Write the report, one HTML file, and its picture to a folder next to it."""
+def write(calibration: Any, out: Path) -> Path:
+    """Write the report of a `Calibration`, an HTML file with its picture in a folder beside it."""
     drawings = Drawings(picture_folder(out))
     sections = [
         Section("parameters", "Parameters", _parameters(calibration)),
@@ -33,7 +30,7 @@ def write(calibration: Calibration, out: Path) -> Path:
     return out
 
 
-def _parameters(calibration: Calibration) -> list[Html]:
+def _parameters(calibration: Any) -> list[Html]:
     rows: list[list[Any]] = []
     for row in calibration.rows():
         before, after = row["prior deviation"], row["deviation"]
@@ -52,7 +49,7 @@ def _parameters(calibration: Calibration) -> list[Html]:
     ]
 
 
-def _readings(calibration: Calibration, drawings: Drawings) -> list[Html]:
+def _readings(calibration: Any, drawings: Drawings) -> list[Html]:
     """Return the table of fits, and a picture with one panel per instrument."""
     from dolfinx_joints.postprocessing.axes import decorate, legend, new_figure
     from dolfinx_joints.postprocessing.palette import BLUE
@@ -89,7 +86,7 @@ def _readings(calibration: Calibration, drawings: Drawings) -> list[Html]:
     return [*pieces, figure([drawings.picture(drawings.save("readings", drawn), caption)], caption)]
 
 
-def _determined(calibration: Calibration) -> list[Html]:
+def _determined(calibration: Any) -> list[Html]:
     values = calibration.singular_values
     rows = [[i, f"{s:.3g}", f"{1.0 / np.hypot(1.0, s):.3f}"] for i, s in enumerate(values, 1)]
     pieces = [

@@ -75,7 +75,7 @@ class Misfit:
         of_parameters = parametric.parameters.values()
         self.means = np.array([p.value for p in of_parameters])
         self.deviations = np.array([p.deviation for p in of_parameters])
-        self.ends = np.array([(p.lower, p.upper) for p in of_parameters])
+        self.ends = [(p.lower, p.upper) for p in of_parameters]
         self.groups = [f"{r.of}, component {r.component}" for r in self.readings]
         self.sizes = [len(r.series[0]) for r in self.readings]
         self.modes = len(pairs)
@@ -93,14 +93,14 @@ class Misfit:
 
     def values(self, x: Floats) -> dict[str, float]:
         """Return the parameters by name."""
-        numbers = np.clip(self.means + self.deviations * x, *self.ends.T)
+        numbers = np.clip(self.means + self.deviations * x, *np.transpose(self.ends))
         return dict(zip(self.names, numbers.tolist(), strict=True))
 
     @property
-    def bounds(self) -> Floats:
-        """Bounds of x, shape (n, 2)."""
-        scaled: Floats = (self.ends - self.means[:, None]) / self.deviations[:, None]
-        return scaled
+    def bounds(self) -> list[tuple[float, float]]:
+        """Bounds of x."""
+        scale = zip(self.ends, self.means.tolist(), self.deviations.tolist(), strict=True)
+        return [((low - mean) / s, (high - mean) / s) for (low, high), mean, s in scale]
 
     def __call__(self, x: Any) -> tuple[float, Floats]:
         """Return the misfit and its gradient (collective)."""
@@ -128,14 +128,15 @@ class Misfit:
 
     def _computed(self, x: Floats, gradient: bool) -> Evaluation:
         """Run the model, and sweep back for the gradient (collective)."""
-        values, slope = self.values(x), np.zeros(len(x))
-        computed, model = np.empty(0), self.parametric.model(values)
+        values, model = self.values(x), self.parametric.model(self.values(x))
+        slope: Floats = np.zeros(len(x))
+        computed: Floats = np.empty(0)
         tape = Tape(**self._observed, body=gradient) if self.readings else None
         if tape is not None:
             self.run(model, tape)
             history = tape.history()
             computed = np.concatenate([r.computed(history) for r in self.readings])
-        count, slopes = len(computed), np.empty(0)
+        count, slopes = len(computed), slope
         if self.modes and gradient:
             f, slopes = frequencies(self.parametric, values, self.modes)
             computed = np.append(computed, f)
@@ -150,7 +151,7 @@ class Misfit:
             slope += (residuals / self.errors)[count:] @ slopes
         if tape is not None:
             swept = gradient_of(tape, self._quantity(residuals / self.errors), self.parametric)
-            slope += [swept.by_parameter[name] for name in self.names]
+            slope += np.array([swept.by_parameter[name] for name in self.names])
         return Evaluation(computed, misfit, self.deviations * slope + x)
 
     def _quantity(self, weights: Floats) -> Quantity:
@@ -210,7 +211,7 @@ def _pairs(given: Any) -> Floats:
     if pairs is not None and not pairs.size:
         return np.empty((0, 2))
     good = pairs is not None and pairs.ndim == 2 and pairs.shape[1] == 2
-    good = good and finite(pairs) and bool((np.asarray(pairs) > 0.0).all())
+    good = good and finite(np.asarray(pairs)) and bool((np.asarray(pairs) > 0.0).all())
     wanted = "pairs of a positive frequency and its deviation"
     check_kind_of("measured_frequencies", given, good, wanted)
     return np.asarray(pairs, dtype=float)

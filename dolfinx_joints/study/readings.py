@@ -15,7 +15,7 @@ import numpy as np
 
 from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import RecordError
-from dolfinx_joints.common.parameters import check_each, check_kind_of, numbers_of, shown
+from dolfinx_joints.common.parameters import check_each, check_kind_of, finite, numbers_of, shown
 from dolfinx_joints.gradient.quantity import History, not_observed
 
 # Factors to SI; temperatures stay in degrees C.
@@ -48,7 +48,8 @@ def read_series(path: str | PathLike[str]) -> dict[str, tuple[Floats, Floats]]:
         raise RecordError(f"{path} cannot be read: {error}.") from None
     if len(rows) < 2:
         raise RecordError(f"{path} needs a line of column names and at least one line of values.")
-    names, factors = [], []
+    names: list[str] = []
+    factors: list[float] = []
     for title in rows[0]:
         match = re.fullmatch(r"\s*([^\[\]]+?)\s*\[([^\[\]]+)\]\s*", title)
         dated = not names and title.strip() == "date"
@@ -114,9 +115,10 @@ class Readings:
         where = f"Readings of {shown(self.of)}"
         check_kind_of(f"{where}: component", self.component, self.component in (0, 1, 2), "0, 1, 2")
         pair = isinstance(self.series, tuple | list) and len(self.series) == 2
-        arrays = [numbers_of(part) for part in self.series] if pair else [None]
-        good = all(a is not None and a.ndim == 1 and np.isfinite(a).all() for a in arrays)
-        good = good and len(arrays[0]) == len(arrays[1]) > 0 and (np.diff(arrays[0]) > 0.0).all()
+        arrays: list[Any] = [numbers_of(part) for part in self.series] if pair else [None]
+        good = all(a is not None and a.ndim == 1 and finite(a) for a in arrays)
+        good = good and len(arrays[0]) == len(arrays[1]) > 0
+        good = good and bool((np.diff(arrays[0]) > 0.0).all())
         wanted = "increasing times and as many values, finite numbers"
         check_kind_of(f"{where}: series", self.series, good, wanted)
         deviation = check_each(f"{where}: deviation", self.deviation, len(arrays[0]))

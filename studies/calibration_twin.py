@@ -23,17 +23,20 @@ from mpi4py import MPI
 import numpy as np
 import ufl
 from dolfinx.mesh import compute_midpoints
+from scipy.optimize import least_squares, minimize
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.geometry.ambiesta import ambiesta
 from dolfinx_joints.mesh.jointed_mesh import mesh_tags
+from dolfinx_joints.study.calibration import jacobian
 
 YEAR, WEEK = 365.25 * 86400.0, 7.0 * 86400.0
 JOINTS = 9
 # Largest coordinate z [m] of the lower zones, and bank of the zones above.
 LOWER, BANKS = 20.0, ("left", "middle", "right")
 LEVELS = (30.0, 38.0, 46.0, 54.0)  # [m]
+MOST = 500  # runs of the method without derivatives
 
 
 def level(time: float) -> float:
@@ -166,6 +169,41 @@ def truth_of(parametric: dj.ParametricModel) -> dict[str, float]:
     }
 
 
+def smallest_of(misfit: dj.Misfit) -> float:
+    """Return the smallest misfit of all runs so far."""
+    return min(evaluation.misfit for _, evaluation in misfit.known)
+
+
+def gauss_newton(misfit: dj.Misfit) -> float:
+    """Return the smallest misfit of SciPy's Gauss-Newton method with finite differences."""
+    scale = misfit.errors
+
+    def residuals(x: Any) -> Any:
+        computed = misfit.evaluate(x, gradient=False).computed
+        return np.concatenate([(computed - misfit.measured) / scale, x])
+
+    found = least_squares(
+        residuals,
+        np.zeros(len(misfit.names)),
+        lambda x: np.vstack([jacobian(misfit, x), np.eye(len(x))]),
+        bounds=np.transpose(misfit.bounds),
+        ftol=1e-5,
+    )
+    return float(found.cost)
+
+
+def without_derivatives(misfit: dj.Misfit) -> float:
+    """Return the smallest misfit of a method without derivatives, in at most `MOST` runs."""
+    found = minimize(
+        lambda x: misfit.evaluate(x, gradient=False).misfit,
+        np.zeros(len(misfit.names)),
+        bounds=misfit.bounds,
+        method="COBYQA",
+        options={"maxfev": MOST},
+    )
+    return float(found.fun)
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Calibrate the twin, and print the parameters and the numbers of runs."""
     parser = Parser(description=__doc__.splitlines()[0])
@@ -196,7 +234,13 @@ def main(arguments: list[str] | None = None) -> None:
     if mesh.mesh.comm.rank == 0:
         print(f"{within} of {count} parameters are within 2 deviations of the truth")
         print(f"runs: {searched} with a gradient, {count} for the posterior")
-        print(f"by finite differences the gradients would need {searched * count} more runs")
+        print(f"misfit: {smallest_of(misfit):.2f}")
+    if options.compare:
+        for name, method in (("Gauss-Newton", gauss_newton), ("COBYQA", without_derivatives)):
+            other = dj.Misfit(model, years, readings, **facts, folder=options.out / name)
+            smallest = method(other)
+            if mesh.mesh.comm.rank == 0:
+                print(f"{name}: misfit {smallest:.2f} after {other.runs} runs", flush=True)
 
 
 if __name__ == "__main__":

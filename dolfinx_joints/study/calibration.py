@@ -74,8 +74,8 @@ class Calibration(Summarised):
     @property
     def deviations(self) -> dict[str, float]:
         """Posterior standard deviations of the parameters by name."""
-        variances: Any = np.diag(self.covariance)
-        return dict(zip(self.values, np.sqrt(variances).tolist(), strict=True))
+        roots = np.sqrt(np.diag(self.covariance))
+        return {name: float(roots[i]) for i, name in enumerate(self.values)}
 
     @property
     def singular_values(self) -> Floats:
@@ -189,15 +189,22 @@ def calibrate(misfit: Misfit) -> Calibration:
     found = minimize(
         misfit, start, jac=True, bounds=misfit.bounds, method="L-BFGS-B", options=options
     )
-    best = misfit.evaluate(found.x)
-    columns = []
-    for i, (_, upper) in enumerate(misfit.bounds):
-        step = DIFFERENCE if found.x[i] + DIFFERENCE <= upper else -DIFFERENCE
-        changed = misfit.evaluate(found.x + step * np.eye(len(start))[i], gradient=False)
-        columns.append((changed.computed - best.computed) / (step * misfit.errors))
     return Calibration(
         misfit=misfit,
         values=misfit.values(found.x),
-        computed=best.computed,
-        jacobian=np.column_stack(columns),
+        computed=misfit.evaluate(found.x, gradient=False).computed,
+        jacobian=jacobian(misfit, found.x),
     )
+
+
+def jacobian(misfit: Misfit, x: Floats) -> Floats:
+    """Return the derivatives of (computed values / deviations) by x, shape (m, n) (collective).
+
+    They are forward differences, one run for each parameter.
+    """
+    at, columns = misfit.evaluate(x, gradient=False).computed, []
+    for i, (_, upper) in enumerate(misfit.bounds):
+        step = DIFFERENCE if x[i] + DIFFERENCE <= upper else -DIFFERENCE
+        changed = misfit.evaluate(x + step * np.eye(len(x))[i], gradient=False).computed
+        columns.append((changed - at) / (step * misfit.errors))
+    return np.column_stack(columns)

@@ -36,7 +36,8 @@ class Misfit:
     """Misfit (47) as a function of x = (parameter - mean) / deviation, shape (n,).
 
     It can be passed to optimisers that need a function which returns value and gradient, such as
-    ``scipy.optimize.minimize(misfit, x, jac=True)``.
+    ``scipy.optimize.minimize(misfit, x, jac=True)``. The attribute ``known`` has x and the
+    `Evaluation` of each run.
 
     Args:
         parametric: The parametric model.
@@ -84,12 +85,12 @@ class Misfit:
         self.measured = np.concatenate([*(r.series[1] for r in self.readings), pairs[:, 0]])
         self.errors = np.concatenate([*(np.ravel(r.deviation) for r in self.readings), pairs[:, 1]])
         self.comm = parametric.model().jointed.mesh.comm
-        self._folder, self._known = Path(folder), self._read(Path(folder))
+        self._folder, self.known = Path(folder), self._read(Path(folder))
 
     @property
     def runs(self) -> int:
         """Number of runs, those of earlier calls included."""
-        return len(self._known)
+        return len(self.known)
 
     def values(self, x: Floats) -> dict[str, float]:
         """Return the parameters by name."""
@@ -99,8 +100,10 @@ class Misfit:
     @property
     def bounds(self) -> list[tuple[float, float]]:
         """Bounds of x."""
-        scale = zip(self.ends, self.means.tolist(), self.deviations.tolist(), strict=True)
-        return [((low - mean) / s, (high - mean) / s) for (low, high), mean, s in scale]
+        known = self.parametric.parameters.values()
+        return [
+            ((p.lower - p.value) / p.deviation, (p.upper - p.value) / p.deviation) for p in known
+        ]
 
     def __call__(self, x: Any) -> tuple[float, Floats]:
         """Return the misfit and its gradient (collective)."""
@@ -110,7 +113,7 @@ class Misfit:
     def evaluate(self, x: Any, *, gradient: bool = True) -> Evaluation:
         """Run the model, or return the evaluation of a former run (collective)."""
         x = np.array(x, dtype=float)
-        for known, evaluation in self._known:
+        for known, evaluation in self.known:
             if np.array_equal(known, x) and (not gradient or finite(evaluation.gradient)):
                 return evaluation
         try:
@@ -119,10 +122,10 @@ class Misfit:
             values = ", ".join(f"{n} = {v:.6g}" for n, v in self.values(x).items())
             raise JointsError(f"The run with {values} failed: {error}") from error
         evaluation = Evaluation(*self.comm.bcast(evaluation))
-        self._known.append((x, evaluation))
+        self.known.append((x, evaluation))
         with raised_together(self.comm):
             if self.comm.rank == 0:
-                path = self._folder / f"run_{len(self._known):04d}.npz"
+                path = self._folder / f"run_{len(self.known):04d}.npz"
                 np.savez(path, x=x, **evaluation._asdict())
         return evaluation
 

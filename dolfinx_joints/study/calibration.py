@@ -98,12 +98,12 @@ class Calibration(Summarised):
             if value < UNDETERMINED
         ]
 
-    def _directions(self) -> tuple[Floats, Floats]:
+    def _directions(self) -> tuple[Floats, list[Floats]]:
         """Return singular values and right singular vectors, one for each parameter."""
         n = len(self.values)
         padded = np.vstack([self.jacobian, np.zeros((n, n))])
         _, s, directions = np.linalg.svd(padded, full_matrices=False)
-        return s, directions
+        return s, list(directions)
 
     @property
     def at_bounds(self) -> list[str]:

@@ -279,6 +279,10 @@ class Tape(Monitor):
 
     def _begin(self, before: Response, *, needs_balance: bool) -> None:
         """Check that a step starts from the last recorded state (collective)."""
+        if self.model is None:
+            raise JointsError(
+                "A Tape was added to a simulation; give it to Simulation(monitors=[tape])."
+            )
         state = before.state
         if self.states:
             _refuse("A stage does not start from the last one", state is not self._last)

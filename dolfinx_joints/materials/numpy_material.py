@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from inspect import signature
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -242,6 +243,13 @@ class NumpyMaterial(EndPointMaterial):
 
     def __post_init__(self) -> None:
         check_internal(type(self).__name__, self.internal, "a dict by name")
+        try:
+            signature(self.function).bind(*"123")
+        except (TypeError, ValueError):
+            raise ValueError(
+                f"NumpyMaterial: function is {shown(self.function)}; it must be a function of "
+                "strain, internal variables and step length."
+            ) from None
         object.__setattr__(self, "initials", self.internal)
         answer = self._check()
         object.__setattr__(self, "reversible", answer.energy is not None and not self.internal)

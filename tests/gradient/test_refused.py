@@ -165,6 +165,10 @@ def test_arguments():
         dj.gradient_of(tape, END)
     with pytest.raises(dj.JointsError, match="give each Simulation a new Tape"):
         dj.Simulation(blocks(), monitors=[tape])
+    late = dj.Simulation(blocks())
+    late.monitors.append(dj.Tape(POINTS))
+    with pytest.raises(dj.JointsError, match="A Tape was added to a simulation; give it to"):
+        late.statics()
     run.statics()
     with pytest.raises(ValueError, match="quantity"):
         dj.gradient_of(tape, lambda history: 0.0)

@@ -120,7 +120,8 @@ def write_vtu(raw, path, serendipity):
         '<VTKFile type="UnstructuredGrid" version="1.0"><UnstructuredGrid>'
         f'<Piece NumberOfPoints="{len(raw.x)}" NumberOfCells="{len(types)}">'
         f"<PointData>{array('base', base)}</PointData>"
-        f"<CellData>{array('part', material)}{array('joint_1', joint.astype(int))}</CellData>"
+        f"<CellData>{array('part', material, 'Float64')}"
+        f"{array('joint_1', joint.astype(int))}</CellData>"
         f"<Points>{array('Points', raw.x, 'Float64', 3)}</Points>"
         f"<Cells>{array('connectivity', nodes)}{array('offsets', np.cumsum(widths))}"
         f"{array('types', types, 'UInt8')}</Cells></Piece></UnstructuredGrid></VTKFile>"

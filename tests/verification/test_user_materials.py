@@ -616,3 +616,9 @@ def test_faults_in_a_run_are_named(comm, page):
         ValueError, match="There is no scalar internal variable 'x'; there are: none"
     ):
         model.bulk.variable("x", None)
+
+
+@pytest.mark.parametrize("function", [lambda strain: strain, lambda strain, internal: strain])
+def test_functions_of_other_arguments(function):
+    with pytest.raises(ValueError, match="must be a function of strain, internal variables and"):
+        dj.NumpyMaterial(function, elastic=CONCRETE)

@@ -59,12 +59,15 @@ def load_vtu(path: Path) -> FileMesh:
 def _sets(data: Any, array_of: Any, without: int | None = None) -> dict[str, Ints]:
     """Return the members of each set: NAME if the array has 0 and 1 only, otherwise NAME_VALUE.
 
-    An array with a distinct value for each cell or point is a numbering, and has no sets.
+    An array with a distinct value for each cell or point is a numbering, and has no sets. Arrays
+    of floats have sets only if all values are whole numbers.
     """
     sets = {}
     for k in range(data.GetNumberOfArrays()):
         name, values = data.GetArrayName(k), data.GetArray(k)
         values = np.empty(0) if values is None else array_of(values)
+        if values.dtype.kind == "f" and values.any() and (values == np.round(values)).all():
+            values = values.astype(np.int64)  # some programs write numbers of groups as floats
         if name.startswith("vtk") or values.ndim != 1 or values.dtype.kind not in "iu":
             continue
         distinct = np.unique(values)

@@ -150,7 +150,7 @@ def read(
         exact = values[rows, 0] - values[1, 0]
         deviation = 0.05 * np.abs(exact).max()
         noisy = exact + deviation * random.standard_normal(len(exact))
-        noisy[0] = 0.0  # the instrument was zeroed
+        noisy -= noisy[0]  # the instrument was zeroed
         series = history.times[rows], noisy
         readings.append(
             dj.Readings(of=name, component=0, series=series, deviation=deviation, relative=True)

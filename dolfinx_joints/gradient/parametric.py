@@ -7,13 +7,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass
-from math import inf
+from math import inf, isnan
 from typing import Any
 from weakref import WeakKeyDictionary
 
 from dolfinx_joints.body.supports import Spring
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.common.parameters import check_kind_of, check_named, check_number, shown
+from dolfinx_joints.common.parameters import check_kind_of, check_named, check_number, real, shown
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.loads.load import check_loads
 from dolfinx_joints.loads.temperature.thermal_strain import check_temperatures
@@ -47,6 +47,9 @@ class Parameter:
     def __post_init__(self) -> None:
         """Check the numbers."""
         check_number("Parameter: deviation", self.deviation, lambda x: x > 0.0, "positive")
+        for name in ("lower", "upper"):
+            end = getattr(self, name)
+            check_kind_of(f"Parameter: {name}", end, not isnan(real(end)), "a number or infinite")
         between = f"a number from lower, {self.lower}, to upper, {self.upper}"
         check_number("Parameter: value", self.value, self.allows, between)
 
@@ -86,6 +89,7 @@ class ParametricModel:
         """Check the arguments."""
         check_kind_of("build", build, callable(build), "a function of values by name")
         check_named("parameters", parameters, "a Parameter by name")
+        check_kind_of("parameters", parameters, bool(parameters), "at least one Parameter by name")
         for name, parameter in parameters.items():
             good = isinstance(parameter, Parameter)
             check_kind_of(f"The parameter {shown(name)}", parameter, good, "a Parameter")

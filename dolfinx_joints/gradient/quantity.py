@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,7 +62,7 @@ class Quantity:
         weights = {}
         for name, array in given.items():
             if name not in history.values:
-                raise ValueError(not_observed(name, history))
+                raise ValueError(not_observed(name, history.values))
             values, shape = numbers_of(array), history.values[name].shape
             fits = values is not None and values.shape == shape and finite(values)
             wanted = f"finite numbers of shape {shape}"
@@ -78,7 +78,7 @@ class Quantity:
 
         def value(history: History) -> float:
             if name not in history.values:
-                raise ValueError(not_observed(name, history))
+                raise ValueError(not_observed(name, history.values))
             return float(history.values[name][-1, component])
 
         def derivative(history: History) -> dict[str, Floats]:
@@ -89,6 +89,6 @@ class Quantity:
         return cls(value=value, derivative=derivative)
 
 
-def not_observed(name: str, history: History) -> str:
+def not_observed(name: str, names: Iterable[str]) -> str:
     """Return the message for a name that is not observed."""
-    return f"{name!r} is not observed; the names are {', '.join(history.values)}."
+    return f"{name!r} is not observed; the names are {', '.join(names)}."

@@ -24,7 +24,8 @@ def write(calibration: Any, out: Path) -> Path:
         Section("readings", "Readings", _readings(calibration, drawings)),
         Section("determined", "What the readings determine", _determined(calibration)),
     ]
-    facts = {"Runs": str(calibration.misfit.runs)}
+    distance = f"{calibration.distance:.2f} posterior deviations from the minimum"
+    facts = {"Runs": str(calibration.misfit.runs), "Search": distance}
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(page("Calibration", facts, (), sections, drawings), encoding="utf-8")
     return out
@@ -74,6 +75,7 @@ def _readings(calibration: Any, drawings: Drawings) -> list[Html]:
         panels, misfit.readings, computed, misfit.groups, strict=False
     ):
         times, measured = reading.series
+        values = values + (measured - reading.measured)  # the constant of relative readings
         errors = 1e3 * np.ravel(reading.deviation)
         ax.errorbar(times / DAY, 1e3 * measured, errors, fmt=".", color="0.6", label="measured")
         ax.plot(times / DAY, 1e3 * values, color=BLUE, label="computed")

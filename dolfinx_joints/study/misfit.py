@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +17,7 @@ from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_kind_of, finite, numbers_of
 from dolfinx_joints.gradient.model_slopes import frequencies
 from dolfinx_joints.gradient.parametric import ParametricModel
-from dolfinx_joints.gradient.quantity import History, Quantity
+from dolfinx_joints.gradient.quantity import History, Quantity, not_observed
 from dolfinx_joints.gradient.reverse_sweep import gradient_of
 from dolfinx_joints.gradient.tape import Tape
 from dolfinx_joints.model.model import Model
@@ -33,7 +34,7 @@ class Evaluation(NamedTuple):
 
 
 class Misfit:
-    """Misfit (47) as a function of x = (parameter - mean) / deviation, shape (n,).
+    """Misfit (47) as a function of x = (parameter - mean) / deviation, shape (n,), within `bounds`.
 
     It can be passed to optimisers that need a function which returns value and gradient, such as
     ``scipy.optimize.minimize(misfit, x, jac=True)``. The attribute ``known`` has x and the
@@ -47,7 +48,8 @@ class Misfit:
         gaps: Gaps of the tape.
         measured_frequencies: Lowest natural frequencies and their standard deviations [Hz], shape
             (m, 2); those of the model are computed with closed joints.
-        folder: Folder of the evaluations. Evaluations that exist are read and not repeated.
+        folder: Folder of the evaluations. Evaluations that exist are read and not repeated. Use
+            another folder if the model or the run changes.
     """
 
     def __init__(
@@ -72,20 +74,29 @@ class Misfit:
             raise ValueError("The calibration has no readings and no frequencies.")
         self.parametric, self.run, self.readings = parametric, run, list(readings)
         self._observed: dict[str, Any] = {"points": points, "gaps": gaps}
+        names = {*Tape(**self._observed).probes, *(gaps or {})} if readings else set()
+        for reading in readings:
+            if reading.of not in names:
+                raise ValueError(not_observed(reading.of, sorted(names)))
         self.names = list(parametric.parameters)
         of_parameters = parametric.parameters.values()
         self.means = np.array([p.value for p in of_parameters])
         self.deviations = np.array([p.deviation for p in of_parameters])
         self.ends = [(p.lower, p.upper) for p in of_parameters]
-        self.groups = [f"{r.of}, component {r.component}" for r in self.readings]
+        self.groups = []
+        for r in self.readings:  # several series of one instrument are numbered
+            name = f"{r.of}, component {r.component}"
+            same = sum(g.partition(" (")[0] == name for g in self.groups)
+            self.groups.append(f"{name} ({same + 1})" if same else name)
         self.sizes = [len(r.series[0]) for r in self.readings]
         self.modes = len(pairs)
         if self.modes:
             self.groups, self.sizes = [*self.groups, "frequencies"], [*self.sizes, self.modes]
-        self.measured = np.concatenate([*(r.series[1] for r in self.readings), pairs[:, 0]])
+        self.measured = np.concatenate([*(r.measured for r in self.readings), pairs[:, 0]])
         self.errors = np.concatenate([*(np.ravel(r.deviation) for r in self.readings), pairs[:, 1]])
-        self.comm = parametric.model().jointed.mesh.comm
-        self._folder, self.known = Path(folder), self._read(Path(folder))
+        model = parametric.model()
+        self.comm = model.jointed.mesh.comm
+        self._folder, self.known = Path(folder), self._read(Path(folder), model)
 
     @property
     def runs(self) -> int:
@@ -93,7 +104,7 @@ class Misfit:
         return len(self.known)
 
     def values(self, x: Floats) -> dict[str, float]:
-        """Return the parameters by name."""
+        """Return the parameters by name; round-off beyond the bounds is removed."""
         numbers = np.clip(self.means + self.deviations * x, *np.transpose(self.ends))
         return dict(zip(self.names, numbers.tolist(), strict=True))
 
@@ -112,6 +123,13 @@ class Misfit:
 
     def evaluate(self, x: Any, *, gradient: bool = True) -> Evaluation:
         """Run the model, or return the evaluation of a former run (collective)."""
+        given = numbers_of(x)
+        good = given is not None and given.shape == self.means.shape and finite(given)
+        if good:
+            lower, upper = np.transpose(self.bounds)
+            good = bool(((given >= lower - 1e-9) & (given <= upper + 1e-9)).all())
+        wanted = f"{len(self.means)} finite numbers within misfit.bounds"
+        check_kind_of("x", x, good, wanted)
         x = np.array(x, dtype=float)
         for known, evaluation in self.known:
             if np.array_equal(known, x) and (not gradient or finite(evaluation.gradient)):
@@ -119,15 +137,26 @@ class Misfit:
         try:
             evaluation = self._computed(x, gradient)
         except JointsError as error:
-            values = ", ".join(f"{n} = {v:.6g}" for n, v in self.values(x).items())
-            raise JointsError(f"The run with {values} failed: {error}") from error
+            raise JointsError(f"The run with {self._text(x)} failed: {error}") from error
+        except Exception as error:  # of user-defined functions, such as a law with k_n < 0
+            error.add_note(f"The run had {self._text(x)}.")
+            raise
         evaluation = Evaluation(*self.comm.bcast(evaluation))
         self.known.append((x, evaluation))
         with raised_together(self.comm):
             if self.comm.rank == 0:
-                path = self._folder / f"run_{len(self.known):04d}.npz"
-                np.savez(path, x=x, **evaluation._asdict())
+                number = len(self.known)
+                while (path := self._folder / f"run_{number:04d}.npz").exists():
+                    number += 1
+                # An interrupted write leaves no incomplete run.
+                unfinished = self._folder / "unfinished.npz"
+                np.savez(unfinished, x=x, **evaluation._asdict())
+                os.replace(unfinished, path)
         return evaluation
+
+    def _text(self, x: Floats) -> str:
+        """Return the parameters for a message."""
+        return ", ".join(f"{n} = {v:.6g}" for n, v in self.values(x).items())
 
     def _computed(self, x: Floats, gradient: bool) -> Evaluation:
         """Run the model, and sweep back for the gradient (collective)."""
@@ -175,7 +204,7 @@ class Misfit:
 
         return Quantity(value=value, derivative=derivative)
 
-    def _read(self, folder: Path) -> list[tuple[Floats, Evaluation]]:
+    def _read(self, folder: Path, model: Model) -> list[tuple[Floats, Evaluation]]:
         """Return the evaluations in a folder, after a check of their settings (collective)."""
         settings = {
             "names": np.array(self.names),
@@ -185,27 +214,41 @@ class Misfit:
             "errors": self.errors,
             "groups": np.array(self.groups),
             "times": np.concatenate([[], *(r.series[0] for r in self.readings)]),
+            "relative": np.array([r.relative for r in self.readings]),
+            "sizes": np.array(self.sizes),
+            "observed": np.array(str(self._observed)),
         }
+        # Norms of K and M depend on the number of ranks by rounding.
+        norms = [matrix.norm() for matrix in (model.stiffness, model.mass)]
         known: list[tuple[Floats, Evaluation]] = []
         with raised_together(self.comm):
             if self.comm.rank == 0:
                 folder.mkdir(parents=True, exist_ok=True)
                 path = folder / "settings.npz"
                 if not path.exists():
-                    np.savez(path, **settings)
-                with np.load(path) as stored:
-                    same = all(np.array_equal(stored[n], s) for n, s in settings.items())
-                if not same:
+                    np.savez(path, **settings, norms=norms)
+                stored = _stored(path, [*settings, "norms"])
+                same = all(np.array_equal(stored[n], s) for n, s in settings.items())
+                if not (same and np.allclose(stored["norms"], norms, rtol=1e-9, atol=0.0)):
                     raise JointsError(
-                        f"{folder} contains a calibration with other parameters or readings; give "
-                        "another folder."
+                        f"{folder} contains a calibration with other parameters, readings or "
+                        "matrices; give another folder."
                     )
                 for file in sorted(folder.glob("run_*.npz")):
-                    with np.load(file) as s:
-                        parts = s["computed"], float(s["misfit"]), s["gradient"]
-                        known.append((s["x"], Evaluation(*parts)))
+                    s = _stored(file, ["x", *Evaluation._fields])
+                    parts = s["computed"], float(s["misfit"]), s["gradient"]
+                    known.append((s["x"], Evaluation(*parts)))
         found: list[tuple[Floats, Evaluation]] = self.comm.bcast(known)
         return found
+
+
+def _stored(path: Path, names: Sequence[str]) -> dict[str, Any]:
+    """Return arrays of a file by name."""
+    try:
+        with np.load(path) as file:
+            return {name: file[name] for name in names}
+    except Exception:  # damaged archives raise errors of several modules
+        raise JointsError(f"{path} cannot be read; delete it. A run is then repeated.") from None
 
 
 def _pairs(given: Any) -> Floats:

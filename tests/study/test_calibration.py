@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 
 import dolfinx_joints as dj
 from dolfinx_joints.gradient.quantity import History
+from dolfinx_joints.study.misfit import Evaluation
 
 DAYS = 86400.0
 PRESSURE, STIFFNESS = 1e5, 1e9
@@ -113,6 +114,104 @@ def test_bound(tmp_path):
     assert calibration.fits["gap, component 0"] > 1.0
 
 
+def test_bounds_closer_than_the_differences(tmp_path):
+    """The Jacobian is a / s times the prior deviation, also if differences must be short."""
+    bounds = {"lower": 0.9999 / STIFFNESS, "upper": 1.0001 / STIFFNESS}
+    calibration = dj.calibrate(misfit(tmp_path, **bounds)[0])
+    exact = -PRESSURE * np.array([1.0, 2.5, 4.0]) * 0.3 / STIFFNESS / 1e-5
+    assert calibration.jacobian[:, 0] == pytest.approx(exact, rel=1e-6)
+    assert calibration.at_bounds == ["flexibility"]
+
+
+def test_user_errors_name_the_parameters(tmp_path):
+    with pytest.raises(ValueError, match="normal_stiffness is -") as caught:
+        dj.calibrate(misfit(tmp_path, [readings(factor=-30.0)])[0])
+    assert any("The run had flexibility = -" in note for note in caught.value.__notes__)
+    function, _ = misfit(tmp_path / "bounds", upper=1.1 / STIFFNESS)
+    for x in ([0.5], [0.0, 0.0], [np.nan], "a"):
+        with pytest.raises(ValueError, match="within misfit.bounds"):
+            function(x)
+
+
+def test_two_series_of_one_instrument(tmp_path):
+    series = [readings(), readings(times=(2.0, 3.0))]
+    calibration = dj.calibrate(misfit(tmp_path, series)[0])
+    assert list(calibration.fits) == ["gap, component 0", "gap, component 0 (2)"]
+
+
+def test_prediction_of_another_run(tmp_path):
+    calibration = dj.calibrate(misfit(tmp_path)[0])
+    tape = dj.Tape(gaps=GAPS, body=True)
+    calibration.misfit.run(calibration.misfit.parametric.model(), tape)
+    with pytest.raises(dj.JointsError, match="The run has other parameters"):
+        calibration.predict(tape, dj.Quantity.at_end("gap", 0))
+
+
+class Regression(dj.Misfit):
+    """Misfit of a linear model with a given Jacobian, without runs."""
+
+    def __init__(self, slopes, measured):
+        self.slopes, self.measured, self.errors = slopes, measured, np.ones(len(measured))
+        self.names = [f"p{i}" for i in range(slopes.shape[1])]
+        self.means, self.deviations = np.zeros(len(self.names)), np.ones(len(self.names))
+        self.ends, self.known = [(-np.inf, np.inf)] * len(self.names), []
+
+    @property
+    def bounds(self):
+        return self.ends
+
+    def evaluate(self, x, *, gradient=True):
+        computed = self.slopes @ x
+        residuals = computed - self.measured
+        value = 0.5 * (residuals @ residuals + x @ x)
+        return Evaluation(computed, value, self.slopes.T @ residuals + x)
+
+
+def test_coverage():
+    """95.4 % of true parameters are within 2 deviations, and the search ends at the minimum.
+
+    Singular values from 1000 to 0.1: L-BFGS-B alone ends several posterior deviations away.
+    """
+    random, inside, n, cases = np.random.default_rng(0), 0, 12, 60
+    for _ in range(cases):
+        left, right = (np.linalg.qr(random.standard_normal((rows, n)))[0] for rows in (300, n))
+        slopes = left * np.geomspace(1e3, 0.1, n) @ right.T
+        truth = random.standard_normal(n)
+        measured = slopes @ truth + random.standard_normal(300)
+        found = dj.calibrate(Regression(slopes, measured))
+        values = np.array(list(found.values.values()))
+        root = np.vstack([slopes, np.eye(n)])
+        exact = np.linalg.lstsq(root, np.append(measured, np.zeros(n)), rcond=None)[0]
+        assert np.linalg.norm(root @ (values - exact)) < 0.1
+        deviations = np.array(list(found.deviations.values()))
+        inside += int((np.abs(values - truth) < 2.0 * deviations).sum())
+    # Standard deviation of the share, binomial with as many independent numbers as parameters.
+    assert inside / (n * cases) == pytest.approx(
+        0.954, abs=3 * (0.954 * 0.046 / (n * cases)) ** 0.5
+    )
+
+
+def test_coverage_with_an_unknown_zero():
+    """Zeroed readings have the error of the first reading in common; the deviations include it."""
+    random, inside, cases = np.random.default_rng(1), 0, 2000
+    times = np.arange(150.0)
+    signal = 1.0 - np.cos(2.0 * np.pi * times / 52.0)  # computed value per parameter
+    history = History(times=times, static=150, values={"a": np.outer(signal, [1.0, 0.0, 0.0])})
+    for _ in range(cases):
+        values = 1.5 * signal + 0.5 * random.standard_normal(150)
+        given = dj.Readings(
+            of="a",
+            component=0,
+            series=(times, values - values[0]),
+            deviation=0.5,
+            relative=True,
+        )
+        slope = given.computed(history)
+        estimate = slope @ given.measured / (slope @ slope)
+        inside += abs(estimate - 1.5) < 2.0 * 0.5 / np.linalg.norm(slope)
+    assert inside / cases == pytest.approx(0.954, abs=3 * (0.954 * 0.046 / cases) ** 0.5)
+
+
 def test_uninformative_readings(tmp_path):
     """With errors far above the effect of the parameter, the posterior is the prior."""
     function, _ = misfit(tmp_path, [readings(deviation=1.0)])
@@ -137,8 +236,12 @@ def test_resumed_search(tmp_path):
     assert len(calls) == count - 2
     assert calibration.values == expected.values
     assert (calibration.covariance == expected.covariance).all()
-    with pytest.raises(dj.JointsError, match="contains a calibration with other parameters"):
-        misfit(tmp_path / "resumed", [readings(factor=1.3)])
+    for other in (readings(factor=1.3), readings(relative=True)):
+        with pytest.raises(dj.JointsError, match="contains a calibration with other parameters"):
+            misfit(tmp_path / "resumed", [other])
+    (tmp_path / "resumed" / "run_0002.npz").write_bytes(b"damaged")
+    with pytest.raises(dj.JointsError, match="run_0002.npz cannot be read; delete it"):
+        misfit(tmp_path / "resumed")
 
 
 def test_frequencies(tmp_path):
@@ -181,7 +284,7 @@ def test_interpolation_and_relative_readings():
         return given.computed(history)
 
     assert computed([0.0, 0.5, 2.0, 3.0]) == pytest.approx([1.0, 1.5, 4.0, 6.0])
-    assert computed([0.5, 2.0, 3.0], relative=True) == pytest.approx([0.0, 2.5, 4.5])
+    assert computed([0.5, 2.0, 3.0], relative=True) == pytest.approx([-7 / 3, 1 / 6, 13 / 6])
     with pytest.raises(ValueError, match="the time 3.5 s is outside of the run, 0 to 3 s"):
         computed([3.5])
 
@@ -204,10 +307,13 @@ def test_refused(tmp_path):
         dj.calibrate(None)
     other = dj.Readings(of="crest", component=0, series=([1.0], [0.0]), deviation=1.0)
     with pytest.raises(ValueError, match="'crest' is not observed; the names are gap"):
-        dj.calibrate(dj.Misfit(parametric, run, [other], **good))
+        dj.Misfit(parametric, run, [other], **good)
     given = {"of": "a", "component": 0, "series": ([1.0, 2.0], [0.0, 0.0]), "deviation": 1.0}
     for change, message in (
         ({"component": 3}, "component is 3"),
+        ({"component": 1.0}, "component is 1.0"),
+        ({"of": 3}, "of is 3"),
+        ({"series": ([1.0], [0.0]), "relative": True}, "two or more values"),
         ({"series": ([2.0, 1.0], [0.0, 0.0])}, "series"),
         ({"series": ([1.0, 2.0], [0.0])}, "series"),
         ({"series": ([1.0, 2.0], [0.0, np.nan])}, "series"),
@@ -235,8 +341,14 @@ def test_file(tmp_path):
     assert series["crest"][1].tolist() == pytest.approx([0.5e-3, -2.5e-3])
     assert series["level"][0].tolist() == [0.0, 2.5 * DAYS, 10.0 * DAYS]
     assert series["air"][1].tolist() == [-3.0, 4.0]
+    times, _ = dj.read_series(path, start="2023-12-31")["crest"]
+    assert times.tolist() == [DAYS, 11.0 * DAYS]
     path.write_text("time [d], crest [m]\n1, 2\n2, 3\n")
     assert dj.read_series(path)["crest"][0].tolist() == [DAYS, 2.0 * DAYS]
+    with pytest.raises(ValueError, match="start is '2024-01-01', but .* has times"):
+        dj.read_series(path, start="2024-01-01")
+    path.write_text("Date;crest [mm];air [°C]\n\n2024-01-01 ;0,5;-3\n2024-01-02;1,5;\n;;\n")
+    assert dj.read_series(path)["crest"][1].tolist() == pytest.approx([0.5e-3, 1.5e-3])
 
 
 @pytest.mark.parametrize(
@@ -245,12 +357,19 @@ def test_file(tmp_path):
         ("time [d], a [mm]\n", "at least one line of values"),
         ("time [week], a [mm]\n1, 2\n", r"the column 'time \[week\]' needs a name and a unit"),
         ("time [d], a\n1, 2\n", "the column 'a' needs"),
+        ("level [m], a [mm]\n1, 2\n", r"the column 'level \[m\]' needs .* one of s, h, d"),
+        ("time [d], a [mm], a [mm]\n1, 2, 3\n", "two columns have the name 'a'"),
+        ("time [d], a [mm]\n\n\n1, x\n", "line 4: a is 'x'"),
+        ("date, a [mm]\n2024-01-01T00:00Z, 2\n", "a date without time zone"),
         ("time [d], a [mm]\n1, 2, 3\n", "line 2: 3 cells for 2 columns"),
         ("time [d], a [mm]\n1, x\n", "line 2: a is 'x'; it must be a number"),
         ("time [d], a [mm]\n1, nan\n", "line 2: a is 'nan'; it must be a number"),
         ("time [d], a [mm]\n, 1\n", "line 2: time is ''; it must be a number"),
         ("time [d], a [mm]\n1, 2\n2, 2\n2, 3\n", "line 4: the time is not later"),
-        ("date, a [mm]\n1.2.24, 2\n", "line 2: date is '1.2.24'; it must be"),
+        (
+            "date, a [mm]\n1.2.24, 2\n",
+            "line 2: date is '1.2.24'; it must be a date without time zone",
+        ),
     ],
 )
 def test_files_with_errors(tmp_path, text, message):

@@ -33,7 +33,7 @@ class Sensitivity(Summarised):
         table: Rows, the largest change first: ``parameter``, ``joint`` (empty for loads and for
             parameters of a model), ``value`` (a mean for gaps, 1 for loads), its ``unit``,
             ``derivative``, and ``per_cent``, which is derivative times value / 100. A value of zero
-            has no per cent: NaN.
+            has no per cent: None.
     """
 
     gradient: Gradient
@@ -43,9 +43,10 @@ class Sensitivity(Summarised):
     def _summary(self) -> Rows:
         yield "quantity", f"{self.gradient.value:.6g} {self.unit}"
         for name, joint, value, unit, slope, change in (row.values() for row in self.table):
-            given = f"{change:+.4g} {self.unit} per 1 % of {value:.5g} {unit}"
-            zero = f"is zero and has no per cent; the derivative is {slope:.4g}"
-            yield f"{name} {joint}".rstrip(), zero if np.isnan(change) else given.rstrip()
+            given = f"is zero and has no per cent; the derivative is {slope:.4g}"
+            if change is not None:
+                given = f"{change:+.4g} {self.unit} per 1 % of {value:.5g} {unit}".rstrip()
+            yield f"{name} {joint}".rstrip(), given
 
     def map(self, parameter: str) -> Figure | None:
         """Draw the changes per one per cent at the points of the joints, on rank 0 (collective).
@@ -53,10 +54,10 @@ class Sensitivity(Summarised):
         Changes are divided by the areas of the points, so that they do not depend on the mesh.
         Points are in the plane of their joint: s1 to the right, s2 up.
         """
-        rows = [row for row in self.table if row["joint"] and not np.isnan(row["per_cent"])]
+        rows = [row for row in self.table if row["joint"] and row["per_cent"] is not None]
         values = {row["joint"]: row["value"] for row in rows if row["parameter"] == parameter}
         if not values:
-            known = ", ".join(sorted({row["parameter"] for row in rows})) or "none"
+            known = ", ".join(sorted({row["parameter"] for row in rows}))
             wrong = f"{shown(parameter)} is not a joint parameter with a value other than zero"
             raise ValueError(f"{wrong}; these parameters are {known}.")
         contact, operator = self.gradient.tape.contact, self.gradient.tape.contact.operator
@@ -66,14 +67,14 @@ class Sensitivity(Summarised):
         changes = 0.01 * of_points * self.gradient.by_point[parameter] / operator.areas
         columns = (operator.joint, operator.areas, changes, operator.points, operator.frames)
         number, *gathered = map(operator.gather, columns)
-        figure, label = None, f"change per 1 % of {parameter} and per area"
+        figure, title = None, f"change per 1 % of {parameter} and per area"
         with raised_together(operator.comm):
             if operator.comm.rank == 0:
                 from dolfinx_joints.postprocessing.joints.figures import signed_point_maps
 
-                rows_of = {n: number == i for i, n in enumerate(operator.names) if n in values}
-                parts = {n: [array[of] for array in gathered] for n, of in rows_of.items()}
-                figure = signed_point_maps(parts, f"{label} [{self.unit or '1'}/m\u00b2]")
+                chosen = {n: number == i for i, n in enumerate(operator.names) if n in values}
+                parts = {n: [array[of] for array in gathered] for n, of in chosen.items()}
+                figure = signed_point_maps(parts, title, f"{self.unit or '1'}/m\u00b2")
         return figure
 
 
@@ -90,23 +91,21 @@ def sensitivity(gradient: Gradient, *, unit: str = "") -> Sensitivity:
     tape, parametric, rows = gradient.tape, gradient.parametric, []
     for joint, law in tape.contact.laws.items():
         units = {row.name: row.unit for row in declarations(type(law))}
-        for name in parameters_of(law):
-            rows.append(
-                (name, joint, getattr(law, name), units[name], gradient.by_joint[name][joint])
-            )
+        slopes = {name: gradient.by_joint[name][joint] for name in parameters_of(law)}
+        rows += [(n, joint, getattr(law, n), units[n], slope) for n, slope in slopes.items()]
     rows += [(name, "", 1.0, "", slope) for name, slope in gradient.by_load.items()]
     if parametric is not None and tape.model is not None:
-        for name, value in parametric.values_of(tape.model).items():
-            known = parametric.parameters[name]
-            rows.append((name, "", value, known.unit, gradient.by_parameter[name]))
-    table = [(*row, 0.01 * row[2] * row[4] if row[2] else np.nan) for row in rows]
+        units = {name: parameter.unit for name, parameter in parametric.parameters.items()}
+        slopes, given = gradient.by_parameter, parametric.values_of(tape.model)
+        rows += [(name, "", value, units[name], slopes[name]) for name, value in given.items()]
+    table = [(*row, 0.01 * row[2] * row[4] if row[2] else None) for row in rows]
     operator, gap = tape.contact.operator, tape.contact.initial_gap[:, 0]
     terms = (operator.areas, operator.areas * gap, abs(gap), gap * gradient.by_point["initial_gap"])
     sums = [np.bincount(operator.joint, term, len(operator.names)) for term in terms]
     by_joint: Any = summed(operator.comm, np.array(sums)).T.tolist()
     for joint, (area, moment, size, change) in zip(operator.names, by_joint, strict=True):
-        slope, change = gradient.by_joint["initial_gap"][joint], 0.01 * change if size else np.nan
-        table.append(("initial_gap", joint, moment / area, "m", slope, change))
-    table.sort(key=lambda row: -1.0 if np.isnan(row[-1]) else abs(row[-1]), reverse=True)
+        slope, of_gap = gradient.by_joint["initial_gap"][joint], 0.01 * change if size else None
+        table.append(("initial_gap", joint, moment / area, "m", slope, of_gap))
+    table.sort(key=lambda row: -1.0 if row[-1] is None else abs(row[-1]), reverse=True)
     dicts = [dict(zip(COLUMNS, row, strict=True)) for row in table]
     return Sensitivity(gradient=gradient, unit=unit, table=dicts)

@@ -328,13 +328,11 @@ def along(points: Floats) -> tuple[Ints, Floats]:
     return order, np.append(0.0, np.cumsum(steps))
 
 
-def signed_point_maps(parts: Mapping[str, Sequence[Floats]], label: str) -> Figure:
+def signed_point_maps(parts: Mapping[str, Sequence[Floats]], title: str, unit: str) -> Figure:
     """Draw signed values at joint points as discs of their areas, one panel per joint.
 
-    Args:
-        parts: Areas, shape (n,), [m^2], values, (n,), coordinates, (n, 3), [m], and frames of the
-            points, (n, 3, 3), by joint.
-        label: Name and unit of the values.
+    ``parts`` are, by joint, the areas, shape (n,), [m^2], values, (n,), coordinates, (n, 3), [m],
+    and frames of the points, (n, 3, 3).
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import EllipseCollection
@@ -342,33 +340,29 @@ def signed_point_maps(parts: Mapping[str, Sequence[Floats]], label: str) -> Figu
 
     largest = max(float(np.abs(part[1]).max()) for part in parts.values()) or 1.0
     colours = ScalarMappable(Normalize(-largest, largest), signed_colours((-largest, largest)))
-    places, sizes = {}, {joint: np.sqrt(part[0]) for joint, part in parts.items()}
-    for joint, (areas, _, points, frames) in parts.items():
-        axes = np.einsum("n,nij->ij", areas, frames)[1:]
-        places[joint] = points @ (axes / np.linalg.norm(axes, axis=1, keepdims=True)).T
-        places[joint] -= [places[joint][:, 0].min(), 0.0]
-    radius = 0.55 * max(size.max() for size in sizes.values())
-    every = np.concatenate(list(places.values()))
-    low, high = every.min(axis=0) - radius, every.max(axis=0) + radius
-    columns = min(_IN_A_ROW, len(parts))
-    rows = -(-len(parts) // columns)
-    ratio = (high[1] - low[1]) / (high[0] - low[0])
-    width = min(2.8 / ratio, (_WIDTH - 1.5) / columns - 0.2)
-    size = (max(5.0, columns * (width + 0.2) + 1.5), rows * (width * ratio + 0.35) + 0.9)
-    figure = new_figure(figsize=size, layout="compressed")
+    rows = -(-len(parts) // _IN_A_ROW)
+    columns = -(-len(parts) // rows)
+    figure = new_figure(layout="compressed")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for ax, joint in zip(panels, parts, strict=False):
-        style: dict[str, Any] = {"array": parts[joint][1], "edgecolor": GREY, "linewidth": 0.3}
-        style |= {"offsets": places[joint], "offset_transform": ax.transData, "units": "xy"}
-        style |= {"cmap": colours.cmap, "norm": colours.norm}
-        ax.add_collection(EllipseCollection(sizes[joint], sizes[joint], [0.0], **style))
-        ax.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    for ax, (joint, (areas, values, points, frames)) in zip(panels, parts.items(), strict=False):
+        axes = np.einsum("n,nij->ij", areas, frames)[1:]
+        places = points @ (axes / np.linalg.norm(axes, axis=1, keepdims=True)).T
+        places, size = places - [places[:, 0].min(), 0.0], np.sqrt(areas)
+        style: dict[str, Any] = {"array": values, "cmap": colours.cmap, "norm": colours.norm}
+        style |= {"units": "xy", "offsets": places, "offset_transform": ax.transData}
+        ax.add_collection(EllipseCollection(size, size, [0.0], edgecolor=GREY, lw=0.3, **style))
+        ax.update_datalim(np.vstack([places - 0.5 * size[:, None], places + 0.5 * size[:, None]]))
+        ax.set(aspect="equal", title=joint)
         decorate(ax, "s1 [m]", "s2 [m]", grid=False)
         ax.label_outer()
-        ax.set_title(joint, fontsize="small", loc="left")
     for ax in panels[len(parts) :]:
         ax.set_visible(False)
-    name, _, unit = label.rpartition(" [")
-    figure.colorbar(colours, ax=panels, label=f"[{unit}")
-    figure.suptitle(name, x=0.01, ha="left", fontsize="medium")
+    ax.autoscale_view()  # of all panels
+    ratio = np.ptp(ax.get_ylim()) / np.ptp(ax.get_xlim())
+    width = min(2.8 / ratio, (_WIDTH - 1.5) / columns - 0.2)
+    figure.set_size_inches(
+        max(5.0, columns * (width + 0.2) + 1.5), rows * (width * ratio + 0.4) + 0.9
+    )
+    figure.colorbar(colours, ax=panels, label=f"[{unit}]")
+    figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
     return figure

@@ -108,7 +108,7 @@ def test_initial_gaps():
 
 
 def test_map():
-    """Colours of a joint under uniform pressure are equal; their integral is the row of the table."""
+    """Colours under uniform pressure are equal; their integral is the row of the table."""
     size = (2.0, 1.0, 2.0)
     mesh = box(size, (2, 2, 4), joints={"j": (2, 1.0)}, groups={"base": (2, 0.0)})
     model = dj.Model(

@@ -37,6 +37,8 @@ from .gradient.parametric import changed_model as changed_model
 from .gradient.quantity import Quantity as Quantity
 from .gradient.reverse_sweep import Gradient as Gradient
 from .gradient.reverse_sweep import gradient_of as gradient_of
+from .gradient.sensitivity import Sensitivity as Sensitivity
+from .gradient.sensitivity import sensitivity as sensitivity
 from .gradient.tape import Tape as Tape
 from .gradient.taylor import TaylorTest as TaylorTest
 from .gradient.taylor import taylor_test as taylor_test

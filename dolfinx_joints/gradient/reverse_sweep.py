@@ -51,6 +51,8 @@ class Gradient(Summarised):
         by_joint: Their sums: derivatives by the parameters of whole joints, by parameter and joint.
         by_load: Derivatives by a factor of each load, or of the motion, by name.
         by_parameter: Derivatives by the parameters of the parametric model, by name.
+        tape: Tape of the run.
+        parametric: The parametric model, or None.
     """
 
     value: float
@@ -58,6 +60,8 @@ class Gradient(Summarised):
     by_joint: Mapping[str, Mapping[str, float]]
     by_load: Mapping[str, float]
     by_parameter: Mapping[str, float]
+    tape: Tape
+    parametric: ParametricModel | None
 
     def _summary(self) -> Rows:
         yield "quantity", f"{self.value:.6g}"
@@ -103,6 +107,7 @@ class ReverseSweep:
         """Evaluate the quantity and its derivative by the observed values (collective)."""
         history = tape.history()
         self._tape, self._operator = tape, tape.contact.operator
+        self._parametric = parametric
         self._value = quantity.value_of(history)
         self._weights = quantity.derivative_of(history)
         system = tape.steps[-1].solver.system
@@ -150,6 +155,8 @@ class ReverseSweep:
             by_joint=by_joint,
             by_load=self._by_load,
             by_parameter=self._by_parameter,
+            tape=self._tape,
+            parametric=self._parametric,
         )
 
     def _linearised(self, last: int) -> tuple[int, list[tuple[Any, Ints, Floats]]]:

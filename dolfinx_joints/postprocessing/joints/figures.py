@@ -25,7 +25,7 @@ from dolfinx_joints.postprocessing.joints.surface import (
     map_value,
     state_of_map,
 )
-from dolfinx_joints.postprocessing.palette import BLUE, GREY, OPEN, TIED
+from dolfinx_joints.postprocessing.palette import BLUE, GREY, OPEN, TIED, signed_colours
 from dolfinx_joints.results.arguments import check_results, chosen_state
 from dolfinx_joints.results.joint_points import since
 from dolfinx_joints.results.quantities import JOINT_SERIES
@@ -326,3 +326,43 @@ def along(points: Floats) -> tuple[Ints, Floats]:
     order: Ints = np.array(chain)
     steps = np.linalg.norm(np.diff(points[order], axis=0), axis=1)
     return order, np.append(0.0, np.cumsum(steps))
+
+
+def signed_point_maps(parts: Mapping[str, Sequence[Floats]], title: str, unit: str) -> Figure:
+    """Draw signed values at joint points as discs of their areas, one panel per joint.
+
+    ``parts`` are, by joint, the areas, shape (n,), [m^2], values, (n,), coordinates, (n, 3), [m],
+    and frames of the points, (n, 3, 3).
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.colors import Normalize
+
+    largest = max(float(np.abs(part[1]).max()) for part in parts.values()) or 1.0
+    colours = ScalarMappable(Normalize(-largest, largest), signed_colours((-largest, largest)))
+    rows = -(-len(parts) // _IN_A_ROW)
+    columns = -(-len(parts) // rows)
+    figure = new_figure(layout="compressed")
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for ax, (joint, (areas, values, points, frames)) in zip(panels, parts.items(), strict=False):
+        axes = np.einsum("n,nij->ij", areas, frames)[1:]
+        places = points @ (axes / np.linalg.norm(axes, axis=1, keepdims=True)).T
+        places, size = places - [places[:, 0].min(), 0.0], np.sqrt(areas)
+        style: dict[str, Any] = {"array": values, "cmap": colours.cmap, "norm": colours.norm}
+        style |= {"units": "xy", "offsets": places, "offset_transform": ax.transData}
+        ax.add_collection(EllipseCollection(size, size, [0.0], edgecolor=GREY, lw=0.3, **style))
+        ax.update_datalim(np.vstack([places - 0.5 * size[:, None], places + 0.5 * size[:, None]]))
+        ax.set(aspect="equal", title=joint)
+        decorate(ax, "s1 [m]", "s2 [m]", grid=False)
+        ax.label_outer()
+    for ax in panels[len(parts) :]:
+        ax.set_visible(False)
+    ax.autoscale_view()  # of all panels
+    ratio = np.ptp(ax.get_ylim()) / np.ptp(ax.get_xlim())
+    width = min(2.8 / ratio, (_WIDTH - 1.5) / columns - 0.2)
+    figure.set_size_inches(
+        max(5.0, columns * (width + 0.2) + 1.5), rows * (width * ratio + 0.4) + 0.9
+    )
+    figure.colorbar(colours, ax=panels, label=f"[{unit}]")
+    figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
+    return figure

@@ -59,7 +59,6 @@ class ModalRatios:
     beyond: Rayleigh = field(default_factory=Rayleigh)
 
     def __post_init__(self) -> None:
-        """Check that the number of ratios equals the number of modes."""
         if np.ndim(self.ratio) and len(np.asarray(self.ratio)) != self.modes:
             raise ValueError(
                 f"ModalRatios: ratio has {len(np.asarray(self.ratio))} values for {self.modes} "

@@ -51,7 +51,6 @@ class Halves:
         others: Others | None,
         remainder: PETSc.Mat | None,
     ) -> None:
-        """Store the arrays."""
         self._arrays, self._others, self._remainder = (starts, columns, blocks), others, remainder
 
     @classmethod

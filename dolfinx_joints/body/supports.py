@@ -118,7 +118,6 @@ class Prescribed:
     point: Point | None = None
 
     def __post_init__(self) -> None:
-        """Check that a group or point is given."""
         place_of(self)
 
     @property

@@ -74,7 +74,6 @@ class AdhesiveJoint(FrictionNoTension):
     adhesion: Annotated[float, at.Ge(0), at.Unit("Pa")]
 
     def __post_init__(self) -> None:
-        """Set friction angle and coefficient."""
         if not set_friction(self)[0] > 0.0:
             raise ValueError("AdhesiveJoint: friction_angle_deg is 0 degrees; it must be positive.")
 

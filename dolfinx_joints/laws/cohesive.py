@@ -225,7 +225,6 @@ class CohesiveJoint(EnergyConsistentContact):
     softening: Literal["exponential", "linear"] = "exponential"
 
     def __post_init__(self) -> None:
-        """Set friction angle and coefficient; compare fracture with elastic energies."""
         set_friction(self)
         for name, strength, stiffness in (
             ("fracture_energy", "tensile_strength", self.normal_stiffness),

@@ -237,7 +237,6 @@ class FrictionNoTension(EnergyConsistentContact):
     friction_coefficient: Annotated[float, at.Ge(0)] | None = None
 
     def __post_init__(self) -> None:
-        """Set friction angle and coefficient."""
         set_friction(self)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:

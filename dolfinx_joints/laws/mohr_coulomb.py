@@ -218,7 +218,6 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
     dilatancy_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")] = 0.0
 
     def __post_init__(self) -> None:
-        """Set friction angle and coefficient; check strengths and angles."""
         mu, alpha = set_friction(self)
         if mu * self.tensile_strength > self.cohesion * (1.0 + 1e-12):
             raise ValueError(

@@ -71,7 +71,6 @@ class RigidJoint(CompiledEnergyConsistentLaw):
     restitution: Literal[0, 1] = 1
 
     def __post_init__(self) -> None:
-        """Set friction angle and coefficient."""
         set_friction(self)
 
     @property

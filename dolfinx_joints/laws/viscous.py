@@ -77,7 +77,6 @@ class ViscousJoint:
     shear_viscosity: Annotated[float, at.Ge(0), at.Unit("Pa s/m")] = 0.0
 
     def __post_init__(self) -> None:
-        """Check the law."""
         if isinstance(self.law, type) or not isinstance(self.law, Law):
             raise ValueError(
                 f"ViscousJoint: law is {shown(self.law)}; it must be a joint law of finite "

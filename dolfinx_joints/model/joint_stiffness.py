@@ -60,7 +60,6 @@ class StiffnessProposal:
     governed_by: str = ""
 
     def __post_init__(self) -> None:
-        """Check the friction angle."""
         if self.friction_angle_deg is not None:
             self.law(self.friction_angle_deg)
 

@@ -92,7 +92,6 @@ class DampedModes:
     """
 
     def __init__(self, ratios: ModalRatios) -> None:
-        """Store the ratios."""
         self.ratios = ratios
         self._body: MatrixSystem | None = None
 

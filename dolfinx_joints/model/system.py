@@ -261,10 +261,6 @@ class MatrixSystem:
             works |= varying.work(x, start, end)
         return works
 
-    def load_change(self, start: float, end: float) -> Floats:
-        """Return the change of the patterns' factors between two times [s], (patterns,)."""
-        return self.factors(end) - self.factors(start)
-
     @property
     def names_of_patterns(self) -> Sequence[str]:
         """Name of the load that each pattern belongs to."""

@@ -180,10 +180,6 @@ def _knet(text: RecordText, key: str) -> tuple[int, str]:
     raise RecordError(f"{text.path}: the header of a K-NET file must have the line {key!r}.")
 
 
-def _knet_matches(text: RecordText) -> bool:
-    return text.lines[0].startswith("Origin Time")
-
-
 def _knet_record(text: RecordText) -> str:
     station, time = _knet(text, "Station Code")[1], _knet(text, "Origin Time")[1]
     below = "underground" if _knet(text, "Dir.")[1] in ("1", "2", "3") else ""
@@ -286,7 +282,7 @@ def _read_afad(text: RecordText) -> list[Component]:
 
 # The first format that matches is used. AT2 is last, because only words in its header identify it.
 FORMATS = (
-    Format("K-NET", _knet_matches, _knet_record, _read_knet),
+    Format("K-NET", lambda text: text.lines[0].startswith("Origin Time"), _knet_record, _read_knet),
     *RECORDERS,
     Format("SMC", _smc_matches, _smc_record, _read_smc),
     Format("ESM/ITACA", _esm_matches, _esm_record, _read_esm),

@@ -78,7 +78,7 @@ class DifferingGround:
         def values(time: float) -> Floats:
             return self._relative(time) if base is None else base(time) + self._relative(time)
 
-        damping = ground_damping(self._model, self.static_velocity)
+        damping = ground_damping(self._model, lambda time: self._static(self._rate(time)))
         return replace(system, values=values, varying_loads=[*system.varying_loads, *damping])
 
     def static_part(self, time: float) -> PETSc.Vec:
@@ -88,10 +88,6 @@ class DifferingGround:
         relative to the reference motion.
         """
         return self._static(self._relative(time))
-
-    def static_velocity(self, time: float) -> PETSc.Vec:
-        """Return the velocity of the static part at a time [s], [m/s] (collective)."""
-        return self._static(self._rate(time))
 
     def _static(self, at_supports: Floats) -> PETSc.Vec:
         """Solve (12z) for given values at the constrained dofs (collective)."""

@@ -85,7 +85,6 @@ class Parameters:
     """
 
     def __init__(self, *, assembled: bool = False, functions: bool = True) -> None:
-        """Start without objects."""
         self.facts: dict[str, str] = {}
         self.unknown: list[str] = []
         self._assembled, self._functions = assembled, functions

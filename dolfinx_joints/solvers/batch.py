@@ -25,7 +25,6 @@ class SharedBulk:
     """
 
     def __init__(self) -> None:
-        """Create an empty store."""
         self.scheduler = BatchScheduler()
         self.lowest_modes: dict[int, Any] = {}
         self._made: dict[Hashable, Any] = {}
@@ -64,7 +63,6 @@ class BatchScheduler:
     """
 
     def __init__(self) -> None:
-        """Create a scheduler without runs."""
         self._back = threading.Semaphore(0)
         self._current: _Run | None = None
         self._abandoned = False

@@ -37,7 +37,6 @@ class ModalChange:
     def __init__(
         self, columns: Floats, delta: Floats, of_supports: Callable[[PETSc.Vec], Floats], comm: Any
     ) -> None:
-        """Store the parts."""
         self.columns, self.delta, self._comm = columns, delta, comm
         self._of_supports = of_supports
 

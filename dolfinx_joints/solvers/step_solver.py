@@ -48,7 +48,6 @@ class SolverOptions:
     linear_options: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
-        """Check the names of the options."""
         given = {} if self.linear_options is None else self.linear_options
         has_names = isinstance(given, Mapping) and all(isinstance(name, str) for name in given)
         check_kind_of("linear_options", given, has_names, "values by option name")
@@ -166,7 +165,6 @@ class SolverAround(StepSolver):
     """
 
     def __init__(self, inner: StepSolver) -> None:
-        """Store the wrapped solver."""
         self.inner = inner
         self.system, self.name, self.options = inner.system, inner.name, inner.options
 

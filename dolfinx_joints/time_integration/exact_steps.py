@@ -111,7 +111,7 @@ class LoadKick:
     def __init__(self, system: MatrixSystem, step: ModalStep, start: float, end: float) -> None:
         """Compute the kicks of a step between two times [s]."""
         self._step, self._names = step, system.names_of_patterns
-        loads = step.modes.loads[: step.used] * system.load_change(start, end)
+        loads = step.modes.loads[: step.used] * (system.factors(end) - system.factors(start))
         self.of_patterns: Floats = step.kick[:, None] * loads
 
     def add(self, velocity: PETSc.Vec, momentum: PETSc.Vec) -> None:

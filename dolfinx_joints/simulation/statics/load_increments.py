@@ -56,7 +56,6 @@ class LoadIncrements:
     def __init__(
         self, path: Sequence[tuple[float | None, float]], start: float = 0.0, time: float = 0.0
     ) -> None:
-        """Start with whole steps."""
         self._path, self._level, self._repeats, self.cuts = path, 0, False, 0
         self._step, self._reached, self._before = 0, start, time
 

@@ -6,13 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.common.errors import ConvergenceError
+from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.operator import GapOperator
@@ -23,7 +23,6 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.statics.construction import with_inactive
-from dolfinx_joints.simulation.statics.joint_water_iteration import JointWaterIteration
 from dolfinx_joints.simulation.statics.jumps import Jumps
 from dolfinx_joints.simulation.statics.ledger import SolvedIncrement, StaticLedger
 from dolfinx_joints.simulation.statics.load_increments import Increment, LoadIncrements
@@ -32,8 +31,21 @@ from dolfinx_joints.simulation.statics.unfinished import Unfinished
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC, MatrixCoefficients
 from dolfinx_joints.solvers.first_that_works import BondReleaseSolver, StaticSolver
-from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, StepSolver
+from dolfinx_joints.solvers.step_solver import (
+    Solution,
+    SolverAround,
+    SolveReport,
+    SolverOptions,
+    StepEquation,
+    StepSolver,
+)
 from dolfinx_joints.time_integration.products import Products
+
+if TYPE_CHECKING:
+    from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
+
+# Largest number of solves of a static load step until openings and pressures agree.
+MOST_SOLVES = 100
 
 
 def march(
@@ -326,3 +338,39 @@ def check_acting(model: Model, loads: Any) -> None:
                 f"A {type(load).__name__} of this static stage is not a load of the model; add it "
                 "to Model(loads=...), too."
             )
+
+
+class JointWaterIteration(SolverAround):
+    """Repeats a static load step until the water pressures agree with the resulting openings.
+
+    The first solve uses the pressures of the last load step. If water opens joints and open joints
+    admit water, openings only grow, and the iteration ends at the smallest openings that agree with
+    their pressures. At the end the right-hand side includes the water forces.
+    """
+
+    def __init__(self, water: JointWaters, inner: StepSolver) -> None:
+        super().__init__(inner)
+        self._water = water
+
+    def _solve(self, equation: StepEquation) -> Solution:
+        """Solve for the displacement and the water (collective)."""
+        start, seen = equation.x.copy(), [self._water.codes]
+        while True:
+            response, report = self.inner.solve(*equation)
+            assert response is not None
+            codes = self._water.by_opening(response.state.gap)
+            toggled = self._water.toggled(codes, seen[-1])
+            if not toggled.any():
+                return response, report
+            repeats = any(not self._water.toggled(codes, old).any() for old in seen)
+            if repeats or len(seen) == MOST_SOLVES:
+                worst = int(np.argmax(toggled))
+                raise JointsError(
+                    f"The iteration on water in the joint {self._water.joints[worst]!r} does not "
+                    f"converge in a static stage: after {len(seen)} iterations {toggled[worst]} "
+                    "joint points still change between wet and dry. Use more load steps, a larger "
+                    "aperture, or a given Uplift."
+                )
+            seen.append(codes)
+            self._water.change(codes, equation.b)
+            start.copy(equation.x)

@@ -99,10 +99,6 @@ class JointStep:
         self._gap_sizes = gap_sizes / condensed.compliance.scale
         self._largest_gap = float(self._gap_sizes.max(initial=0.0))
 
-    def at_free_gap(self, free_gap: Floats) -> JointStep:
-        """Return this step with another free gap, shape (n, 3), [m] (collective)."""
-        return JointStep(self.contact, self.condensed, free_gap, self.state, self.rule)
-
     def response(self, at: Iterate) -> Response:
         """Return the response of the joints at an iterate."""
         return self._laws.response(at.point_responses)
@@ -241,7 +237,6 @@ class AcceptedForces:
     """
 
     def __init__(self) -> None:
-        """Start without any forces."""
         self._traction: Floats | None = None
         self._solved: tuple[Floats, Floats, Floats] | None = None
         self._forces: list[tuple[Floats, Floats]] = []
@@ -293,7 +288,8 @@ def elastic_predictor(step: JointStep, traction: Floats) -> tuple[Floats, Floats
     coupled = condensed.corrections.product(force)
     c = np.repeat(compliance.own, (1, 2), axis=1)
     trial_gap = step.state.gap + c * traction + (compliance.scale * coupled).reshape(-1, 3)
-    tangent = step.at_free_gap(trial_gap).evaluate(force, coupled).tangent
+    trial = JointStep(step.contact, condensed, trial_gap, step.state, step.rule)
+    tangent = trial.evaluate(force, coupled).tangent
     change = ((step.free_gap - trial_gap).ravel() / compliance.scale).reshape(-1, 3)
     right_hand_side = -np.einsum("nij,nj->ni", tangent, change).ravel()
     tolerance = limits.STATIC_FORCING

@@ -77,7 +77,8 @@ def _tied_prolongations(
     tied.setNearNullSpace(_tied_motions(near, ties))
     pc = PETSc.PC().create(matrix.comm)
     pc.setOptionsPrefix("dolfinx_joints_tied_")
-    with options_set("dolfinx_joints_tied_", {"pc_type": "gamg", **_level_options()}):
+    of_levels = {key: value for key, value in OPTIONS.items() if key.startswith("mg_")}
+    with options_set("dolfinx_joints_tied_", {"pc_type": "gamg", **of_levels}):
         pc.setOperators(tied)
         pc.setFromOptions()
         pc.setUp()
@@ -86,10 +87,6 @@ def _tied_prolongations(
     pc.destroy()
     tied.destroy()
     return prolongations
-
-
-def _level_options() -> dict[str, Any]:
-    return {key: value for key, value in OPTIONS.items() if key.startswith("mg_")}
 
 
 def _tied_motions(near: PETSc.NullSpace, ties: PETSc.Mat) -> PETSc.NullSpace:

@@ -290,7 +290,7 @@ class ReverseSweep:
             self._add_loads([at._replace(weight=-at.weight) for at in static], z)
             zero = self._work.duplicate()
             zero.set(0.0)
-            self._subtract_forces(z, [zero, zero, self._tape.first_acceleration or zero])
+            self._subtract_forces(z, [zero, *self._tape.first_motion])
         self._v_bar.set(0.0)
         self._a_bar.set(0.0)
 

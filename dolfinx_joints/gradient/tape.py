@@ -196,7 +196,7 @@ class Tape(Monitor):
         self._loads: Sequence[LoadsAt] = ()  # of the last increment, and of the last load step
         self._loads_before: Sequence[LoadsAt] = ()
         self._load_step: Any = None
-        self.first_acceleration: PETSc.Vec | None = None
+        self.first_motion: list[PETSc.Vec] = []  # velocity and acceleration (Newmark)
         self.fields = BodyFields() if self.body else None
 
     def check(self, model: Model) -> None:
@@ -262,7 +262,7 @@ class Tape(Monitor):
             )
         self._begin(before.joints, needs_balance=newmark)
         if newmark and (not self.steps or self.steps[-1].scheme is None):
-            self.first_acceleration = before.acceleration.copy()
+            self.first_motion = [before.velocity.copy(), before.acceleration.copy()]
         solver, times = _condensed(stepper.solver), (before.time, after.time)
         shares = (0.0, 1.0) if newmark else (0.5, 0.5)
         step = Step(

@@ -220,7 +220,7 @@ def calibrate(misfit: Misfit) -> Calibration:
     ).x
     for _ in range(JACOBIANS):
         at, slopes = x, jacobian(misfit, x)
-        root = np.linalg.cholesky(slopes.T @ slopes + np.eye(len(x))).T
+        root: Floats = np.linalg.cholesky(slopes.T @ slopes + np.eye(len(x))).T
         x, distance = _gauss_newton(misfit, x, root)
         if distance < DISTANCE and np.linalg.norm(root @ (x - at)) < MOVED:
             break

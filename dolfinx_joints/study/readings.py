@@ -206,7 +206,7 @@ class Readings:
         """Subtract the weighted mean from values, if the readings are relative."""
         if not self.relative:
             return values
-        weights = (np.min(self.deviation) / self.deviation) ** 2
+        weights: Floats = (np.min(self.deviation) / self.deviation) ** 2
         return np.asarray(values - weights @ values / weights.sum())
 
     def computed(self, history: History) -> Floats:

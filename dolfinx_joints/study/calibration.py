@@ -220,7 +220,8 @@ def calibrate(misfit: Misfit) -> Calibration:
     ).x
     for _ in range(JACOBIANS):
         at, slopes = x, jacobian(misfit, x)
-        root = np.linalg.cholesky(slopes.T @ slopes + np.eye(len(x))).T
+        precision: Floats = slopes.T @ slopes + np.eye(len(x))
+        root = np.asarray(np.linalg.cholesky(precision).T, dtype=np.float64)
         x, distance = _gauss_newton(misfit, x, root)
         if distance < DISTANCE and np.linalg.norm(root @ (x - at)) < MOVED:
             break

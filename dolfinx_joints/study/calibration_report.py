@@ -38,9 +38,10 @@ def _parameters(calibration: Any) -> list[Html]:
         numbers = [f"{row[key]:.5g}" for key in ("prior", "calibrated")]
         errors = [f"{before:.2g}", f"{after:.2g}", f"{after / before:.2f}"]
         bound = "yes" if row["at bound"] else ""
-        name, unit = row["parameter"], row["unit"]
-        rows.append([name, unit, numbers[0], errors[0], numbers[1], *errors[1:], bound])
-    head = ("parameter", "unit", "before", "deviation", "calibrated", "deviation", "ratio")
+        unit = f" [{row['unit']}]" if row["unit"] else ""
+        name = f"{row['parameter']}{unit}"
+        rows.append([name, numbers[0], errors[0], numbers[1], *errors[1:], bound])
+    head = ("parameter", "before", "deviation", "calibrated", "deviation", "ratio")
     return [
         table("Parameters before and after the calibration", [*head, "at a bound"], rows),
         paragraph(

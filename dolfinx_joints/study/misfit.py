@@ -83,7 +83,7 @@ class Misfit:
         self.means = np.array([p.value for p in of_parameters])
         self.deviations = np.array([p.deviation for p in of_parameters])
         self.ends = [(p.lower, p.upper) for p in of_parameters]
-        self.groups = []
+        self.groups: list[str] = []
         for r in self.readings:  # several series of one instrument are numbered
             name = f"{r.of}, component {r.component}"
             same = sum(g.partition(" (")[0] == name for g in self.groups)

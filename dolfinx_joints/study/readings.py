@@ -206,7 +206,8 @@ class Readings:
         """Subtract the weighted mean from values, if the readings are relative."""
         if not self.relative:
             return values
-        weights = (np.min(self.deviation) / self.deviation) ** 2
+        deviation: Floats = np.asarray(self.deviation, dtype=np.float64)
+        weights = (deviation.min() / deviation) ** 2
         return np.asarray(values - weights @ values / weights.sum())
 
     def computed(self, history: History) -> Floats:

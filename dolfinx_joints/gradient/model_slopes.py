@@ -95,8 +95,8 @@ class ModelSlopes:
         for load, other in zip(*pair, strict=True):
             if load is other and same_body:
                 continue
-            for i, (changed, each) in enumerate(((low, load), (high, other))):
-                patterns[i] += each.patterns(changed)
+            for i, (changed, its_load) in enumerate(((low, load), (high, other))):
+                patterns[i] += its_load.patterns(changed)
         return patterns
 
     def of_loads(self, loads: Sequence[LoadsAt], z: PETSc.Vec) -> float:
@@ -156,11 +156,11 @@ def frequencies(
     model = parametric.model(values)
     system = model.system(only=())
     next_too = min(count + 1, number_of_modes(system))
-    found = modes(system, max(count, next_too))
-    f = found.frequencies
+    lowest = modes(system, max(count, next_too))
+    f = lowest.frequencies
     if (np.diff(f) < SAME_FREQUENCY * f[1:]).any():
         raise JointsError(f"Equal frequencies have no derivatives: {f.round(6).tolist()} Hz.")
-    f, shapes = f[:count], found.shapes[:count]
+    f, shapes = f[:count], lowest.shapes[:count]
     derivatives = np.zeros((count, len(parametric.parameters)))
     work = shapes[0].duplicate()
     for j, name in enumerate(parametric.parameters):

@@ -108,9 +108,9 @@ class ParametricModel:
             if name not in self.parameters:
                 names = ", ".join(self.parameters)
                 raise ValueError(f"{shown(name)} is not a parameter; the parameters are {names}.")
-            known = self.parameters[name]
-            between = f"a number from {known.lower:g} to {known.upper:g}"
-            check_number(f"The parameter {name!r}", value, known.allows, between)
+            limits = self.parameters[name]
+            between = f"a number from {limits.lower:g} to {limits.upper:g}"
+            check_number(f"The parameter {name!r}", value, limits.allows, between)
         given = {name: parameter.value for name, parameter in self.parameters.items()}
         given |= {name: float(value) for name, value in (values or {}).items()}
         model = self._build(dict(given))
@@ -155,8 +155,8 @@ def changed_model(model: Model, **arguments: Any) -> Model:
         arguments: Arguments of `Model` by name, such as ``joints``, ``material`` or ``loads``.
     """
     if unknown := arguments.keys() - model.parameters.keys():
-        known = ", ".join(model.parameters)
-        raise ValueError(f"Model has no argument {unknown.pop()!r}; the arguments are {known}.")
+        names = ", ".join(model.parameters)
+        raise ValueError(f"Model has no argument {unknown.pop()!r}; the arguments are {names}.")
     given = model.parameters | arguments
     kept = {k for k, v in model.parameters.items() if given[k] is v}
     if given["material"] == model.parameters["material"]:

@@ -57,10 +57,11 @@ class Sensitivity(Summarised):
         rows = [row for row in self.table if row["joint"] and row["per_cent"] is not None]
         values = {row["joint"]: row["value"] for row in rows if row["parameter"] == parameter}
         if not values:
-            known = ", ".join(sorted({row["parameter"] for row in rows}))
+            names_given = ", ".join(sorted({row["parameter"] for row in rows}))
             wrong = f"{shown(parameter)} is not a joint parameter with a value other than zero"
-            raise ValueError(f"{wrong}; these parameters are {known}.")
-        contact, operator = self.gradient.tape.contact, self.gradient.tape.contact.operator
+            raise ValueError(f"{wrong}; these parameters are {names_given}.")
+        contact = self.gradient.tape.contact
+        operator: Any = contact.operator
         of_points = np.array([values.get(joint, 0.0) for joint in operator.names])[operator.joint]
         if parameter == "initial_gap":
             of_points = contact.initial_gap[:, 0]
@@ -96,8 +97,8 @@ def sensitivity(gradient: Gradient, *, unit: str = "") -> Sensitivity:
     rows += [(name, "", 1.0, "", slope) for name, slope in gradient.by_load.items()]
     if parametric is not None and tape.model is not None:
         units = {name: parameter.unit for name, parameter in parametric.parameters.items()}
-        slopes, given = gradient.by_parameter, parametric.values_of(tape.model)
-        rows += [(name, "", value, units[name], slopes[name]) for name, value in given.items()]
+        given, by_name = parametric.values_of(tape.model), gradient.by_parameter
+        rows += [(name, "", value, units[name], by_name[name]) for name, value in given.items()]
     table = [(*row, 0.01 * row[2] * row[4] if row[2] else None) for row in rows]
     operator, gap = tape.contact.operator, tape.contact.initial_gap[:, 0]
     terms = (operator.areas, operator.areas * gap, abs(gap), gap * gradient.by_point["initial_gap"])

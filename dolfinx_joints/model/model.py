@@ -270,9 +270,8 @@ class Model(Summarised):
     ) -> PETSc.Vec:
         """Return M, or `body_mass`, times an acceleration (gdim,) [m/s^2], in [N] (collective)."""
         mass = self.body_mass if body_only else self.mass
-        uniform = mass.createVecRight()
+        uniform, force = mass.createVecRight(), mass.createVecRight()
         uniform.setArray(np.tile(acceleration, uniform.getLocalSize() // self.gdim))
-        force = uniform.duplicate()
         mass.mult(uniform, force)
         return force
 

@@ -60,7 +60,7 @@ class Prediction(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Calibration(Summarised):
-    """Calibrated parameters, and what the readings tell about them.
+    """Calibrated parameters, and what the readings say about them.
 
     Attributes:
         misfit: The misfit function, with parameters, readings and runs.
@@ -157,13 +157,13 @@ class Calibration(Summarised):
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the parameters with prior and posterior, as rows of a table."""
-        known = self.misfit.parametric.parameters
+        parameters = self.misfit.parametric.parameters
         return [
             {
                 "parameter": name,
-                "unit": known[name].unit,
-                "prior": known[name].value,
-                "prior deviation": known[name].deviation,
+                "unit": parameters[name].unit,
+                "prior": parameters[name].value,
+                "prior deviation": parameters[name].deviation,
                 "calibrated": value,
                 "deviation": self.deviations[name],
                 "at bound": name in self.at_bounds,

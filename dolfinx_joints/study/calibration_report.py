@@ -17,7 +17,7 @@ COLUMNS = 3  # panels side by side
 
 
 def write(calibration: Any, out: Path) -> Path:
-    """Write the report of a `Calibration`, an HTML file with its picture in a folder beside it."""
+    """Write the report of a `Calibration`, an HTML file, with its picture in a folder."""
     drawings = Drawings(picture_folder(out))
     sections = [
         Section("parameters", "Parameters", _parameters(calibration)),

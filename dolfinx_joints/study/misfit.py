@@ -111,9 +111,10 @@ class Misfit:
     @property
     def bounds(self) -> list[tuple[float, float]]:
         """Bounds of x."""
-        known = self.parametric.parameters.values()
+        parameters = self.parametric.parameters.values()
         return [
-            ((p.lower - p.value) / p.deviation, (p.upper - p.value) / p.deviation) for p in known
+            ((p.lower - p.value) / p.deviation, (p.upper - p.value) / p.deviation)
+            for p in parameters
         ]
 
     def __call__(self, x: Any) -> tuple[float, Floats]:
@@ -131,8 +132,8 @@ class Misfit:
         wanted = f"{len(self.means)} finite numbers within misfit.bounds"
         check_kind_of("x", x, good, wanted)
         x = np.array(x, dtype=float)
-        for known, evaluation in self.known:
-            if np.array_equal(known, x) and (not gradient or finite(evaluation.gradient)):
+        for former, evaluation in self.known:
+            if np.array_equal(former, x) and (not gradient or finite(evaluation.gradient)):
                 return evaluation
         try:
             evaluation = self._computed(x, gradient)
@@ -173,8 +174,8 @@ class Misfit:
             f, slopes = frequencies(self.parametric, values, self.modes)
             computed = np.append(computed, f)
         elif self.modes:
-            found = modes(model.system(only=()), self.modes)
-            computed = np.append(computed, found.frequencies)
+            lowest = modes(model.system(only=()), self.modes)
+            computed = np.append(computed, lowest.frequencies)
         residuals = (computed - self.measured) / self.errors
         misfit = 0.5 * float(residuals @ residuals + x @ x)
         if not gradient:
@@ -220,7 +221,7 @@ class Misfit:
         }
         # Norms of K and M depend on the number of ranks by rounding.
         norms = [matrix.norm() for matrix in (model.stiffness, model.mass)]
-        known: list[tuple[Floats, Evaluation]] = []
+        read: list[tuple[Floats, Evaluation]] = []
         with raised_together(self.comm):
             if self.comm.rank == 0:
                 folder.mkdir(parents=True, exist_ok=True)
@@ -237,9 +238,9 @@ class Misfit:
                 for file in sorted(folder.glob("run_*.npz")):
                     s = _stored(file, ["x", *Evaluation._fields])
                     parts = s["computed"], float(s["misfit"]), s["gradient"]
-                    known.append((s["x"], Evaluation(*parts)))
-        found: list[tuple[Floats, Evaluation]] = self.comm.bcast(known)
-        return found
+                    read.append((s["x"], Evaluation(*parts)))
+        of_all_ranks: list[tuple[Floats, Evaluation]] = self.comm.bcast(read)
+        return of_all_ranks
 
 
 def _stored(path: Path, names: Sequence[str]) -> dict[str, Any]:

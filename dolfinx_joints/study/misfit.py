@@ -22,6 +22,7 @@ from dolfinx_joints.gradient.reverse_sweep import gradient_of
 from dolfinx_joints.gradient.tape import Tape
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.modes import modes
+from dolfinx_joints.simulation.fingerprint import Parameters
 from dolfinx_joints.study.readings import Readings
 
 
@@ -49,7 +50,7 @@ class Misfit:
         measured_frequencies: Lowest natural frequencies and their standard deviations [Hz], shape
             (m, 2); those of the model are computed with closed joints.
         folder: Folder of the evaluations. Evaluations that exist are read and not repeated. Use
-            another folder if the model or the run changes.
+            another folder if ``run`` changes.
     """
 
     def __init__(
@@ -217,8 +218,13 @@ class Misfit:
             "times": np.concatenate([[], *(r.series[0] for r in self.readings)]),
             "relative": np.array([r.relative for r in self.readings]),
             "sizes": np.array(self.sizes),
-            "observed": np.array(str(self._observed)),
         }
+        facts = Parameters()
+        for name, value in (model.parameters | self._observed).items():
+            facts.add(name, value)
+        settings["model"] = np.array(
+            sorted(f"{name}: {fact}" for name, fact in facts.facts.items())
+        )
         # Norms of K and M depend on the number of ranks by rounding.
         norms = [matrix.norm() for matrix in (model.stiffness, model.mass)]
         read: list[tuple[Floats, Evaluation]] = []
@@ -232,8 +238,8 @@ class Misfit:
                 same = all(np.array_equal(stored[n], s) for n, s in settings.items())
                 if not (same and np.allclose(stored["norms"], norms, rtol=1e-9, atol=0.0)):
                     raise JointsError(
-                        f"{folder} contains a calibration with other parameters, readings or "
-                        "matrices; give another folder."
+                        f"{folder} contains a calibration with other parameters, readings, "
+                        "model or mesh; give another folder."
                     )
                 for file in sorted(folder.glob("run_*.npz")):
                     s = _stored(file, ["x", *Evaluation._fields])

@@ -236,6 +236,12 @@ def test_resumed_search(tmp_path):
     assert len(calls) == count - 2
     assert calibration.values == expected.values
     assert (calibration.covariance == expected.covariance).all()
+    parametric, run, _ = column()
+    without_load = dj.ParametricModel(
+        lambda v: dj.changed_model(parametric.model(v), loads=[]), parametric.parameters
+    )
+    with pytest.raises(dj.JointsError, match="other parameters, readings, model or mesh"):
+        dj.Misfit(without_load, run, [readings()], gaps=GAPS, folder=tmp_path / "resumed")
     for other in (readings(factor=1.3), readings(relative=True)):
         with pytest.raises(dj.JointsError, match="contains a calibration with other parameters"):
             misfit(tmp_path / "resumed", [other])

@@ -223,14 +223,27 @@ def test_buoyancy_of_a_warped_body(comm):
 
 def test_level_through_warped_facets(comm, monkeypatch):
     """What is left sideways falls at least with the third power of the divisions."""
-    model = model_of(skin(comm, CellType.hexahedron, warp))
     left = []
     for divisions in (2, 4, 8):
         monkeypatch.setattr(wetted, "DIVISIONS", divisions)
+        model = model_of(skin(comm, CellType.hexahedron, warp))
         found = total(model, force_of(model, dj.HydrostaticPressure(group="skin", level=0.63)))
         left.append(np.linalg.norm(found[:2]) / found[2])
     assert left[2] < 1e-5
     assert left[2] < left[0] / 64.0
+
+
+def test_models_of_a_mesh_share_the_forces_until_its_nodes_move(comm):
+    """A mesh of twice the size has twice the depth and four times the area."""
+    jointed = skin(comm, CellType.hexahedron, warp)
+    load = dj.HydrostaticPressure(group="skin", level=0.63)
+    first, second = (force_of(model_of(jointed), load) for _ in range(2))
+    assert (first.array_r == second.array_r).all()
+    jointed.mesh.geometry.x[:] *= 2.0
+    doubled = force_of(model_of(jointed), dj.HydrostaticPressure(group="skin", level=1.26))
+    assert doubled.norm() == pytest.approx(8.0 * first.norm(), rel=1e-12)
+    jointed.mesh.geometry.x[:] *= 2.0
+    assert force_of(model_of(jointed), load).norm() != pytest.approx(first.norm(), rel=1e-3)
 
 
 def test_first_frequency_of_a_full_reservoir(read, wall_file):

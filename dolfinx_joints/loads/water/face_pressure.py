@@ -159,7 +159,9 @@ def _pressure(model: LoadedBody, group: str, level: float, weight: float) -> PET
 
     Stages and models of a mesh share the forces, whose integration over wet facets is slow.
     """
-    key = ("pressure", group, level, weight, model.V.ufl_element().degree)
+    mesh = model.jointed.mesh
+    nodes = mesh.comm.allreduce(hash(mesh.geometry.x.tobytes()) % 2**32)  # they may have moved
+    key = ("pressure", group, level, weight, model.V.ufl_element().degree, nodes)
     if key in model.jointed.shared:
         kept: PETSc.Vec = model.jointed.shared[key]
         return kept.copy()

@@ -255,7 +255,7 @@ def _stored(path: Path, names: Sequence[str]) -> dict[str, Any]:
         with np.load(path) as file:
             return {name: file[name] for name in names}
     except Exception:  # damaged archives raise errors of several modules
-        raise JointsError(f"{path} cannot be read; delete it. A run is then repeated.") from None
+        raise JointsError(f"{path} is damaged or of another version; delete it.") from None
 
 
 def _pairs(given: Any) -> Floats:

@@ -35,18 +35,17 @@ def _parameters(calibration: Any) -> list[Html]:
     rows: list[list[Any]] = []
     for row in calibration.rows():
         before, after = row["prior deviation"], row["deviation"]
-        numbers = [f"{row[key]:.5g}" for key in ("prior", "calibrated")]
-        errors = [f"{before:.2g}", f"{after:.2g}", f"{after / before:.2f}"]
-        bound = "yes" if row["at bound"] else ""
+        numbers = [f"{row['prior']:.5g} ± {before:.2g}", f"{row['calibrated']:.5g} ± {after:.2g}"]
         unit = f" [{row['unit']}]" if row["unit"] else ""
-        name = f"{row['parameter']}{unit}"
-        rows.append([name, numbers[0], errors[0], numbers[1], *errors[1:], bound])
-    head = ("parameter", "before", "deviation", "calibrated", "deviation", "ratio")
+        cells = [f"{row['parameter']}{unit}", *numbers, f"{after / before:.2f}"]
+        cells = [cell.replace(" ", "\N{NO-BREAK SPACE}") for cell in cells]
+        rows.append([*cells, "yes" if row["at bound"] else ""])
+    head = ("parameter", "before", "calibrated", "ratio of deviations", "at a bound")
     return [
-        table("Parameters before and after the calibration", [*head, "at a bound"], rows),
+        table("Parameters before and after the calibration", head, rows),
         paragraph(
-            "Deviations are standard deviations. A ratio near 1 means that the readings say little "
-            "about the parameter."
+            "Numbers after ± are standard deviations. A ratio near 1 means that the readings say "
+            "little about the parameter."
         ),
     ]
 

@@ -119,6 +119,7 @@ def taylor_test(
     check_kind_of("sizes", sizes, good, "two or more descending positive numbers")
     gradient = gradient_of(tape, quantity, parametric) if gradient is None else gradient
     assert tape.model is not None
+    parametric = gradient.parametric
     fields, loads = _split(tape, gradient, change)
     by_name = {name: loads.pop(name) for name in gradient.by_parameter if name in loads}
     comm = tape.contact.operator.comm

@@ -231,8 +231,8 @@ class Misfit:
         with raised_together(self.comm):
             if self.comm.rank == 0:
                 folder.mkdir(parents=True, exist_ok=True)
-                path = folder / "settings.npz"
-                if not path.exists():
+                path, files = folder / "settings.npz", sorted(folder.glob("run_*.npz"))
+                if not (files or path.exists()):
                     np.savez(path, **settings, norms=norms)
                 stored = _stored(path, [*settings, "norms"])
                 same = all(np.array_equal(stored[n], s) for n, s in settings.items())
@@ -241,7 +241,7 @@ class Misfit:
                         f"{folder} contains a calibration with other parameters, readings, "
                         "model or mesh; give another folder."
                     )
-                for file in sorted(folder.glob("run_*.npz")):
+                for file in files:
                     s = _stored(file, ["x", *Evaluation._fields])
                     parts = s["computed"], float(s["misfit"]), s["gradient"]
                     read.append((s["x"], Evaluation(*parts)))
@@ -255,7 +255,10 @@ def _stored(path: Path, names: Sequence[str]) -> dict[str, Any]:
         with np.load(path) as file:
             return {name: file[name] for name in names}
     except Exception:  # damaged archives raise errors of several modules
-        raise JointsError(f"{path} is damaged or of another version; delete it.") from None
+        raise JointsError(
+            f"{path} is missing, damaged or of another version. Delete a damaged run to repeat it; "
+            "without settings.npz, give another folder."
+        ) from None
 
 
 def _pairs(given: Any) -> Floats:

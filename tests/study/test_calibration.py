@@ -246,7 +246,10 @@ def test_resumed_search(tmp_path):
         with pytest.raises(dj.JointsError, match="contains a calibration with other parameters"):
             misfit(tmp_path / "resumed", [other])
     (tmp_path / "resumed" / "run_0002.npz").write_bytes(b"damaged")
-    with pytest.raises(dj.JointsError, match="run_0002.npz is damaged or of another"):
+    with pytest.raises(dj.JointsError, match="run_0002.npz is missing, damaged or of another"):
+        misfit(tmp_path / "resumed")
+    (tmp_path / "resumed" / "settings.npz").unlink()
+    with pytest.raises(dj.JointsError, match="settings.npz is missing.* give another folder"):
         misfit(tmp_path / "resumed")
 
 
@@ -255,11 +258,10 @@ def test_frequencies(tmp_path):
     mesh = box((1.0, 4.0), (1, 4), joints={"j": (1, 1.0)}, groups={"base": (1, 0.0)})
 
     def build(values):
-        stiff = dj.frictionless(normal_stiffness=1e15)
         solid = dj.Elastic(young=values["E"], poisson=0.0, density=2400.0)
         guide = dj.Fixed(group="base")
         law = dj.KeyedJoint(normal_stiffness=1e15, shear_stiffness=1e15)
-        return dj.Model(mesh, material=solid, joints=law if stiff else None, supports=[guide])
+        return dj.Model(mesh, material=solid, joints=law, supports=[guide])
 
     parametric = dj.ParametricModel(build, {"E": dj.Parameter(value=20e9, deviation=5e9)})
     (exact,), _ = dj.frequencies(parametric, {"E": 25e9}, 1)
